@@ -78,8 +78,6 @@ TRIANGLE_BLOCKS = {width: np.dtype([("corners", "f4", (3, 3, width)), ("prim_id"
 # A triangle of the `bvh2` layout, in leaf order. A degenerate triangle is stored with three equal corners: its
 # determinant is exactly zero, so that rounding cannot make a ray hit it.
 TRIANGLE = np.dtype([("a", "f4", 3), ("b", "f4", 3), ("c", "f4", 3), ("prim_id", "i4")])
-TRIANGLE_LANES = _lane_count(TRIANGLE)
-TRIANGLE_PRIM_ID = _lane(TRIANGLE, "prim_id")
 
 # A sphere of the `bvh2` layout, in leaf order.
 SPHERE = np.dtype([("centre", "f4", 3), ("radius", "f4"), ("prim_id", "i4")])
@@ -109,6 +107,9 @@ PACKED_POINT_LANES = _lane_count(PACKED_POINT)
 HIT = np.dtype([("t", "f4"), ("u", "f4"), ("v", "f4"), ("prim_id", "i4")])
 HIT_U = _lane(HIT, "u")
 HIT_PRIM_ID = _lane(HIT, "prim_id")
+
+# The steps of a ray's way to its closest hit, over both levels of the world, and that hit; see `count_steps`.
+STEPS = np.dtype([("node_steps", "i4"), ("leaf_visits", "i4"), ("prim_tests", "i4"), ("prim_id", "i4")])
 
 # --- Scenes ---
 
@@ -428,6 +429,7 @@ DEVICE_STRUCTS = {
     "sphere8_t": SPHERE_BLOCKS[8],
     "packed_ray_t": PACKED_RAY,
     "hit_t": HIT,
+    "steps_t": STEPS,
     "ray_low_t": RAY_LOW,
     "instance_t": INSTANCE,
     "metric_record_t": METRIC,

@@ -7,6 +7,8 @@
 // at triangles.
 //
 // LONE: see world/world.cl. HAS_SPHERES with LONE: all primitives are spheres.
+//
+// COUNT_STEPS, if defined as 1: the traversal counts its steps in `steps`, see kernels/count_steps.cl.
 
 #include "hits/crossing.cl"
 #include "rays/ray.cl"
@@ -45,7 +47,17 @@ typedef struct {
 #if HAS_SPHERES
     int kind;                 // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
 #endif
+#if COUNT_STEPS
+    steps_t *steps;
+#endif
 } search_t;
+
+// Adds to a field of the steps. Other kernels have no code of it.
+#if COUNT_STEPS
+#define COUNT(search, field, number) (search)->steps->field += (number)
+#else
+#define COUNT(search, field, number)
+#endif
 
 INLINED search_t make_search(const int max_count, global kept_hit_t *heap)
 {

@@ -50,6 +50,9 @@ INLINED void visit_instance(
         return;
     }
     search_t own = make_search(search->max_count - search->count, 0);
+#if COUNT_STEPS
+    own.steps = search->steps;
+#endif
 #if HAS_SPHERES
     own.kind = instance->kind;
 #endif
@@ -134,7 +137,8 @@ typedef struct {
 #define NO_LEAF -1
 
 // Returns the slot, 2 * node + child, of the next leaf whose box the ray meets before `limit`; NO_LEAF after the last.
-INLINED int find_next_leaf(const global bvh2_node_t *top_nodes, const float limit, top_walk_t *walk, int *stack)
+INLINED int find_next_leaf(
+    const global bvh2_node_t *top_nodes, const float limit, const search_t *search, top_walk_t *walk, int *stack)
 {
     if (walk->tile) {
         while (walk->next_leaf < walk->tile->leaf_count) {
@@ -158,6 +162,7 @@ INLINED int find_next_leaf(const global bvh2_node_t *top_nodes, const float limi
     while (true) {
         int next = NO_LEAF;
         if (walk->node != NO_NODE) {
+            COUNT(search, node_steps, 1);
             const int node = walk->node;
             walk->node = NO_NODE;
             const global bvh2_node_t *parent = top_nodes + node;
@@ -213,7 +218,7 @@ INLINED void traverse_instances(
     walk.node = start.top_node;
     walk.stack_count = 0;
     while (true) {
-        const int leaf = find_next_leaf(top_nodes, scene_limit(search, ray, query), &walk, stack);
+        const int leaf = find_next_leaf(top_nodes, scene_limit(search, ray, query), search, &walk, stack);
         if (leaf == NO_LEAF) {
             return;
         }

@@ -53,6 +53,7 @@ INLINED void traverse(
     int node = 0;
 
     while (true) {
+        COUNT(search, node_steps, 1);
         float t_near_left, t_near_right;
         const float limit = search_limit(search, ray, query);
         const bool meets_left = meets_child(nodes + node, 0, &padded, limit, &t_near_left);
@@ -70,6 +71,7 @@ INLINED void traverse(
 
         // Leaves are tested at once, until an interior node is next.
         while (next.count > 0) {
+            COUNT(search, leaf_visits, 1);
             for (int prim_index = next.first; prim_index < next.first + next.count; prim_index++) {
                 intersect_single(blocks, prim_index, ray, search, query);
             }

@@ -10,6 +10,7 @@
 INLINED void intersect_single(
     const global block_t *blocks, const int prim_index, const ray_t *ray, search_t *search, const int query)
 {
+    COUNT(search, prim_tests, 1);
 #if HAS_SPHERES
     if (search->kind == KIND_SPHERES) {
         intersect_sphere((const global sphere_block_t *)blocks, prim_index, ray, search, query);

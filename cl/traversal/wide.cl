@@ -9,17 +9,29 @@
 #include "spheres/block.cl"
 #endif
 
+INLINED int count_prims(const global int *prim_ids)
+{
+    int count = 0;
+    for (int lane = 0; lane < WIDTH; lane++) {
+        count += prim_ids[lane] != NO_PRIM;
+    }
+    return count;
+}
+
 // The test of a leaf's primitives. HAS_SPHERES: see hits/search.cl.
 INLINED void intersect_leaf(
     const global block_t *blocks, const int block, const ray_t *ray, const axis_permutation_t *permutation,
     search_t *search, const int query)
 {
+    COUNT(search, leaf_visits, 1);
 #if HAS_SPHERES
     if (search->kind == KIND_SPHERES) {
+        COUNT(search, prim_tests, count_prims(((const global sphere_block_t *)blocks)[block].prim_id));
         intersect_sphere_block((const global sphere_block_t *)blocks, block, ray, permutation, search, query);
         return;
     }
 #endif
+    COUNT(search, prim_tests, count_prims(blocks[block].prim_id));
     intersect_block(blocks, block, ray, permutation, search, query);
 }
 
@@ -108,6 +120,7 @@ INLINED void traverse_in_order(
     const slabs_t slabs = make_slabs(ray);
     float limit = search_limit(search, ray, query) * slabs.unit;
     const global node_t *node = start;
+    COUNT(search, node_steps, 1);
     lanes_t t_near;
     uint met = meets_children(node, &slabs, limit, &t_near);
     // Before the numbers of the triangle test: many rays meet nothing.
@@ -135,6 +148,7 @@ INLINED void traverse_in_order(
             }
         }
         node = nodes + next;
+        COUNT(search, node_steps, 1);
         met = meets_children(node, &slabs, limit, &t_near);
     }
 }
@@ -152,6 +166,7 @@ INLINED void visit_as_stored(
 
     while (true) {
         const float limit = search_limit(search, ray, query) * slabs->unit;
+        COUNT(search, node_steps, 1);
         lanes_t t_near;
         uint remaining = meets_children(node, slabs, limit, &t_near);
         const global int *child = node->child;

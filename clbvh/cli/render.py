@@ -81,7 +81,8 @@ def _write(picture: Picture, output: list[Path], hits: Path | None, heatmap: str
     if heatmap is not None:
         from ..rendering.heat_map import draw_heat_map_of
 
-        pixels = draw_heat_map_of(picture.scene, picture.camera, pixels.shape[1], pixels.shape[0], heatmap)
+        size = pixels.shape[1], pixels.shape[0]
+        pixels = draw_heat_map_of(picture.scene, picture.camera, *size, heatmap, picture.device)
     for path in output:
         write_picture(path, pixels)
     if hits is not None:

@@ -34,9 +34,6 @@ _BAR_CELLS = 40
 # Most geometries of a scene that the table shows.
 _MOST_GEOMETRIES = 40
 
-# Of a ray, as means.
-_COUNTS = "node_steps", "leaf_visits", "triangle_tests", "tests"
-
 _EXACT_HELP = "Measure the end-point overlap on all triangles, not on at most 200,000."
 _PLOT_HELP = "Draw the histograms of leaf sizes and depths."
 
@@ -110,18 +107,18 @@ def stats(
 def _measure_rays(bvh: Bvh, view: View) -> dict[str, dict[str, float]]:
     """Return the mean counts per ray, for each kind of rays."""
     from ..rendering.cameras.bounds import SceneBounds
-    from ..rendering.heat_map import measure_rays
+    from ..rendering.heat_map import mean_steps, measure_rays
     from ..rendering.view_finder import ViewFinder
 
     finder = ViewFinder(SceneBounds.of_mesh(bvh.mesh))
-    visits = measure_rays(bvh, finder.camera(finder.complete(view)), view.width / view.height)
+    steps = measure_rays(bvh, finder.camera(finder.complete(view)), view.width / view.height)
     return {
         kind: {
-            "rays": len(visited.prim_id),
-            "hit": float((visited.prim_id >= 0).mean()) if len(visited.prim_id) else 0.0,
-            **{name: getattr(visited, f"{name}_per_ray") for name in _COUNTS},
+            "rays": len(counted),
+            "hit": float((counted["prim_id"] >= 0).mean()) if len(counted) else 0.0,
+            **mean_steps(counted),
         }
-        for kind, visited in visits.items()
+        for kind, counted in steps.items()
     }
 
 

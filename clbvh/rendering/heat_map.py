@@ -13,16 +13,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..bvh import Bvh
+from ..device.info import DeviceInfo
+from ..device.session import DeviceSession
 from ..errors import ConfigError
 from ..geometry import Mesh
-from ..support.host_threads import HostThreads
-from ..trace.check.visits import HostTraversal, Visits, count_visits
+from ..scene.scene import Scene
+from ..trace.hits.closest import count_steps
+from ..trace.launch import Caster
+from ..trace.world.world import open_world
 from .built_scene import BuiltScene
 from .cameras.camera import Camera
 from .image_files import GAP, GROUND, TEXT_ROWS, draw_text
+from .options import RenderOptions
 
 # Quantities that `clbvh render --heatmap` can show, and the title of their bar.
 QUANTITIES = {"nodes": "NODE STEPS", "triangles": "PRIMITIVE TESTS"}
+
+# Their fields in `structs.STEPS`.
+FIELDS = {"nodes": "node_steps", "triangles": "prim_tests"}
 
 # Evenly spaced stops of the scale, in sRGB. Their lightness (CIE L*) rises by equal steps from 10 to 95.
 _STOPS = np.array(
@@ -43,34 +51,43 @@ def check_quantity(quantity: str) -> None:
         raise ConfigError(f"the heat map must be one of {', '.join(QUANTITIES)}, not '{quantity}'")
 
 
-def count_picture(bvh: Bvh, camera: Camera, width: int, height: int) -> Visits:
-    """Count the steps of the rays of a picture on the host, on all cores; each count is (height * width,) int32."""
-    return _count_rays(HostTraversal(bvh), camera, width, height)
+def open_counter(
+    source: Bvh | BuiltScene, device: DeviceInfo | str | int | None = None, layout: str = "bvh2"
+) -> Caster:
+    """Return a caster for `count_steps`, to be closed; in the layout `bvh2`, counts are the same on all devices.
+
+    Raises
+    ------
+    DeviceError
+        There is no such device, or the trees do not fit it.
+    """
+    if isinstance(source, Bvh):
+        source = BuiltScene(Scene(source.mesh).snapshot(), RenderOptions(), source)
+    session = DeviceSession(device)
+    try:
+        return Caster(session, open_world(session, source.state, source.trees or None, layout))
+    except BaseException:
+        session.close()
+        raise
 
 
-def _count_rays(traversal: HostTraversal, camera: Camera, width: int, height: int) -> Visits:
-    origins, directions = camera.rays(width, height)
-    with HostThreads() as threads:
-        rays = np.ascontiguousarray(origins).reshape(-1, 3), directions.reshape(-1, 3)
-        return traversal.count_visits(*rays, threads=threads)
+def count_picture(
+    source: Bvh | BuiltScene, camera: Camera, width: int, height: int, device: DeviceInfo | None = None
+) -> NDArray[np.void]:
+    """Return (height, width) `structs.STEPS` of the rays of a picture; see `count_steps`."""
+    with open_counter(source, device) as caster:
+        return count_steps(caster, *camera.rays(width, height))
 
 
 def draw_heat_map_of(
-    world: Bvh | BuiltScene, camera: Camera, width: int, height: int, quantity: str
+    source: Bvh | BuiltScene, camera: Camera, width: int, height: int, quantity: str, device: DeviceInfo | None = None
 ) -> NDArray[np.uint8]:
     """Return the heat map of a picture of this size, of a mesh or of several objects; see `draw_heat_map`."""
     check_quantity(quantity)
-    if (bvh := world if isinstance(world, Bvh) else world.bvh) is not None:
-        traversal = HostTraversal(bvh)
-    else:
-        assert isinstance(world, BuiltScene)  # a `Bvh` has itself
-        assert world.top is not None
-        traversal = HostTraversal.of_scene(world.state, world.trees, world.top)
-    visits = _count_rays(traversal, camera, width, height)
-    counts = visits.node_steps if quantity == "nodes" else visits.triangle_tests
+    steps = count_picture(source, camera, width, height, device)
     # Outside the circle of a fisheye, pixels have rays that nobody casts.
-    of_pixels = np.where(camera.sees(width, height), counts.reshape(height, width), 0)
-    return draw_heat_map(of_pixels, quantity)
+    counts = np.where(camera.sees(width, height), steps[FIELDS[quantity]], 0)
+    return draw_heat_map(counts, quantity)
 
 
 def draw_heat_map(counts: ArrayLike, quantity: str) -> NDArray[np.uint8]:
@@ -132,7 +149,7 @@ RAY_COUNT = 50_000
 _LIFT = 1e-5
 
 
-def measure_rays(bvh: Bvh, camera: Camera, aspect: float, *, ray_count: int = RAY_COUNT) -> dict[str, Visits]:
+def measure_rays(bvh: Bvh, camera: Camera, aspect: float, *, ray_count: int = RAY_COUNT) -> dict[str, NDArray[np.void]]:
     """Count the node steps and triangle tests of rays.
 
     Parameters
@@ -146,7 +163,7 @@ def measure_rays(bvh: Bvh, camera: Camera, aspect: float, *, ray_count: int = RA
 
     Returns
     -------
-    dict of str to Visits
+    dict of str to (n,) `structs.STEPS`
         ``"picture"``: the camera's rays. ``"random"``: uniform in the mesh's box, in any direction. ``"surface"``:
         uniform over the surface, to either side, distributed by the cosine. The same rays for the same mesh and camera.
     """
@@ -160,7 +177,17 @@ def measure_rays(bvh: Bvh, camera: Camera, aspect: float, *, ray_count: int = RA
         "random": (lower + generator.random((ray_count, 3)) * size, generator.normal(size=(ray_count, 3))),
         "surface": _surface_rays(bvh.mesh, ray_count, generator),
     }
-    return {kind: count_visits(bvh, *cast) for kind, cast in rays.items()}
+    with open_counter(bvh) as caster:
+        return {kind: count_steps(caster, *cast) for kind, cast in rays.items()}
+
+
+def mean_steps(steps: NDArray[np.void]) -> dict[str, float]:
+    """Return the means of `structs.STEPS`; the `tests` are what the SAH cost estimates, with both costs 1."""
+    nodes, leaves, triangles = (
+        float(steps[field].mean(dtype=np.float64)) if steps.size else 0.0
+        for field in ("node_steps", "leaf_visits", "prim_tests")
+    )
+    return {"node_steps": nodes, "leaf_visits": leaves, "triangle_tests": triangles, "tests": nodes + triangles}
 
 
 def _surface_rays(mesh: Mesh, count: int, generator: np.random.Generator) -> tuple[NDArray[Any], NDArray[Any]]:

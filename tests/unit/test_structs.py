@@ -93,9 +93,3 @@ def test_bvh2_lanes_agree_with_the_dtype():
         assert numbers(node["aabb_max"][child]) == [structs.BVH2_MAX + 3 * child + axis for axis in range(3)]
         assert node["first"][child] == structs.BVH2_FIRST + child
         assert node["count"][child] == structs.BVH2_COUNT + child
-
-
-def test_triangle_lanes_agree_with_the_dtype():
-    triangle = lanes_of(structs.TRIANGLE, structs.TRIANGLE_LANES)
-    assert [numbers(triangle[corner]) for corner in "abc"] == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
-    assert triangle["prim_id"] == structs.TRIANGLE_PRIM_ID

@@ -9,9 +9,9 @@ import numpy as np
 from ...device.select import choose_device, list_devices
 from ...errors import DeviceError
 from ...layouts.device_arrays import measure_device_bytes
-from ...rendering.heat_map import QUANTITIES, count_picture, draw_heat_map
+from ...rendering.heat_map import FIELDS, QUANTITIES, count_picture, draw_heat_map, mean_steps, open_counter
 from ...structs import LAYOUT_WIDTHS
-from ...trace.check.visits import HostTraversal, count_wide_visits
+from ...trace.hits.closest import count_steps
 from ...trace.tracer import Tracer
 from ..bench import Bench
 from ..experiment import Experiment, published
@@ -21,7 +21,7 @@ from ..scale import Scale
 from ..statistics import lane_use
 
 _PICTURE = (800, 450)
-# Visits are counted on a picture of this size: their means hardly depend on it.
+# Steps are counted on a picture of this size: their means hardly depend on it.
 _COUNTED_PICTURE = (320, 180)
 _FLATTENING = ("flatten", "flat")
 # Quantities by their headings.
@@ -47,8 +47,8 @@ class Layouts(Experiment):
 
     What does the flat array gain over flattening, and which width of the tree suits the device?
 
-    Build: wall time. Kernel: event time. Visits are counted on the host, from the root: neighbouring rays of a picture
-    begin deeper on the device where the layout has entry points. One visit of bvh4 or bvh8 tests the boxes of all
+    Build: wall time. Kernel: event time. Visits are counted from the root: where the layout has entry points,
+    neighbouring rays of a picture begin deeper. One visit of bvh4 or bvh8 tests the boxes of all
     children, one leaf visit a block of up to 4 or 8 triangles.
     """
 
@@ -69,15 +69,15 @@ class Layouts(Experiment):
             return Sample({"build_ms": values["build_ms"], "last_pass_ms": last_pass_ms})
         layout = case["layout"]
         frame = bench.draw(name, bench.tree(name), _PICTURE, layout=layout)
-        counted = bench.once(("counts", name, layout), lambda: self._count_visits(bench, name, layout))
+        counted = bench.once(("counts", name, layout), lambda: self._count(bench, name, layout))
         return Sample({"kernel_ms": frame.times_ms["kernel"], **counted}, {"picture": frame.digest})
 
-    def _count_visits(self, bench: Bench, name: str, layout: str) -> dict[str, float]:
-        bvh, rays, width = bench.tree(name), bench.rays(name, _COUNTED_PICTURE), LAYOUT_WIDTHS[layout]
-        visits = HostTraversal(bvh).count_visits(*rays) if width == 2 else count_wide_visits(bvh, width, *rays)
+    def _count(self, bench: Bench, name: str, layout: str) -> dict[str, float]:
+        bvh = bench.tree(name)
+        with open_counter(bvh, bench.device, layout) as caster:
+            means = mean_steps(count_steps(caster, *bench.rays(name, _COUNTED_PICTURE)))
         bytes_per_triangle = measure_device_bytes(bvh, layout) / bvh.mesh.face_count
-        means = visits.node_steps_per_ray, visits.leaf_visits_per_ray, visits.triangle_tests_per_ray
-        return dict(zip(_COUNTS.values(), (bytes_per_triangle, *means), strict=True))
+        return dict(zip(_COUNTS.values(), (bytes_per_triangle, *means.values()), strict=False))
 
     def present(self, results: Results) -> Iterator[Part]:
         builders, layouts, points = [], [], []
@@ -105,8 +105,7 @@ class Divergence(Experiment):
 
     How different is the work of neighbouring rays, and how many lanes of a device does that leave idle?
 
-    Counted on the host, step for step as the layout bvh2 does it; nothing here is timed, so the figures are the same on
-    every machine.
+    Counted by the kernel of the layout bvh2; nothing here is timed, so the figures are the same on every machine.
     """
 
     counts = True
@@ -117,16 +116,16 @@ class Divergence(Experiment):
     def measure(self, bench: Bench, case: Case) -> Sample:
         mesh, builder = case["mesh"], case["builder"]
         width, height = bench.scale.picture(*_PICTURE)
-        visits = count_picture(bench.tree(mesh, builder), bench.camera(mesh, _PICTURE), width, height)
-        nodes, triangles = (of_ray.reshape(height, width) for of_ray in (visits.node_steps, visits.triangle_tests))
+        steps = count_picture(bench.tree(mesh, builder), bench.camera(mesh, _PICTURE), width, height, bench.device)
         values: dict[str, float] = {}
         facts: dict[str, str] = {}
-        for quantity, of_pixel in (("nodes", nodes), ("triangles", triangles)):
+        for quantity, field in FIELDS.items():
+            of_pixel = steps[field]
             values |= {f"{quantity}_mean": float(of_pixel.mean()), f"{quantity}_most": int(of_pixel.max())}
             if builder == "sah":
                 facts[quantity] = bench.keep_picture(f"heat-{mesh}-{quantity}", draw_heat_map(of_pixel, quantity))
         for (shape, lanes), rows in _GROUPS.items():
-            values[f"{shape}_{lanes}"] = lane_use(nodes + triangles, lanes, rows=rows)
+            values[f"{shape}_{lanes}"] = lane_use(steps["node_steps"] + steps["prim_tests"], lanes, rows=rows)
         return Sample(values, facts)
 
     def present(self, results: Results) -> Iterator[Part]:

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from functools import partial
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ...bvh import Bvh
+from ...layouts.device_arrays import make_device_arrays
 from ...rendering.heat_map import draw_heat_map_of
-from ...support.host_threads import HostThreads, usable_cores
-from ...trace.check.visits import HostTraversal
+from ...support.host_threads import HostThreads, cut_range, usable_cores
+from ...trace.host.walk import cast_on_host
+from ...trace.rays.batch import TreeBox, read_rays
+from ...trace.world.trees import WideArrays
 from ..bench import FRAME_PHASES, Bench
 from ..experiment import Experiment, curve, published
 from ..page import REPORT, Axis, Figure, Part, Picture, Point, Table
@@ -28,6 +36,9 @@ _LEAST_SIZES = 2
 _SCAN, _GROWTH = "scan", "growth"
 
 _PICTURES = {"800 x 450": _PICTURE, "1080p": (1920, 1080), "4K": _LARGE_PICTURE}
+# The host's threads take this many shares of the rays: their steps differ much.
+_SHARES = 1024
+_HOST_WIDTH = 8
 _ONE, _ALL, _DEVICE = "host, 1 core", "host, all cores", "device"
 
 # The report's frame begins with the build.
@@ -127,9 +138,9 @@ class Resolution(Experiment):
             # Rays, tree and threads are ready before.
             count = 1 if case["traversal"] == _ONE else usable_cores()
             threads = bench.open(("threads", count), lambda: HostThreads(count))
-            traversal = bench.once(("host traversal", name), lambda: HostTraversal(bvh))
+            tree = bench.once(("host tree", name), lambda: _arrange(bvh))
             begin = time.perf_counter()
-            traversal.count_visits(*rays, threads=threads)
+            threads.run(partial(_cast, tree, TreeBox.around(bvh), rays), cut_range(0, len(rays[0]), _SHARES))
             trace_ms = kernel_ms = trace_wall_ms = (time.perf_counter() - begin) * 1e3
         times = {"build_ms": values["build_ms"], "trace_ms": trace_ms, "total_ms": values["build_ms"] + trace_ms}
         return Sample({**times, "kernel_ms": kernel_ms, "trace_wall_ms": trace_wall_ms, "rays": len(rays[0])})
@@ -152,6 +163,18 @@ class Resolution(Experiment):
         yield Figure("Build and traversal together.", points, Axis("total, ms", is_log=True))
         columns = ("picture", "host", "total", "report's", "traversal alone", "report's")
         yield Table(self.say(results, "gains"), columns, gains)
+
+
+def _arrange(bvh: Bvh) -> WideArrays:
+    """Return a tree as the host traverses it."""
+    arrays = make_device_arrays(bvh, f"bvh{_HOST_WIDTH}")
+    return WideArrays.of(arrays.nodes, arrays.blocks, _HOST_WIDTH, arrays.stack_size)
+
+
+def _cast(tree: WideArrays, box: TreeBox, rays: tuple[NDArray, NDArray], begin: int, end: int) -> None:
+    """Find the closest hits of some rays on the host."""
+    batch, _ = read_rays(rays[0][begin:end], rays[1][begin:end], 0.0, np.inf)
+    cast_on_host(tree, box, batch, 0)
 
 
 class Breakdown(Experiment):
@@ -248,7 +271,7 @@ class Gallery(Experiment):
         triangles = {"triangles": float(bvh.mesh.face_count)}
         if shading == _HEAT_MAP:
             camera, size = bench.camera(mesh, _PICTURE), bench.scale.picture(*_PICTURE)
-            steps = bench.once(_HEAT_MAP, lambda: draw_heat_map_of(bvh, camera, *size, "nodes"))
+            steps = bench.once(_HEAT_MAP, lambda: draw_heat_map_of(bvh, camera, *size, "nodes", bench.device))
             return Sample(triangles, {"file": bench.keep_picture(f"gallery-heat-{mesh}", steps)})
         frame = bench.draw(mesh, bvh, _PICTURE, shading=shading)
         name = bench.keep_picture(f"picture-{mesh}", frame.rgb)

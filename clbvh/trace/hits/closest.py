@@ -6,13 +6,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ...structs import PACKED_RAY_LANES
+from ...structs import PACKED_RAY_LANES, STEPS
 from ...support.compiled import compiled
 from ..host.walk import FIELD_COUNT, cast_on_host, walk
-from ..launch import Caster, Query, cut_smaller_when_full
-from ..rays.batch import RayBatch, TreeBox, check_room
+from ..launch import Caster, Query, cut_smaller_when_full, device_casts_all
+from ..rays.batch import RayBatch, TreeBox, check_room, read_rays
 from ..rays.pack import ALL_GOOD, NO_LOWS, explain_bad_ray, write_packed
 from ..rays.pieces import Progress
 from ..rays.put_rays import cut_batch, put_rays
@@ -27,6 +27,7 @@ Shape = tuple[int, ...]
 CLOSEST_HIT = Query("closest_hit", "hits")
 ANY_HIT = Query("any_hit", "blocked", np.dtype(np.uint8))
 COUNT_HITS = Query("count_hits", "counts", np.dtype(np.int32))
+_COUNT_STEPS = Query("count_steps", "steps", STEPS)
 
 # "All of them", for a kernel that stops at a number of hits.
 NO_LIMIT = np.iinfo(np.int32).max
@@ -82,6 +83,17 @@ def count_hits(
 ) -> NDArray[np.int32]:
     """Return the number of hits of each ray, `max_hits` at most; see `Tracer.count_hits`."""
     return _answer(caster, COUNT_HITS, np.int32, batch, shape, progress, max_hits=np.int32(max_hits or NO_LIMIT))
+
+
+def count_steps(caster: Caster, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.void]:
+    """Return (...,) `structs.STEPS`: the steps of each ray on its way to its closest hit, from the root of the tree.
+
+    A node step tests the boxes of all children of one node, of the tree over the instances or of a shape's. A visit of
+    a leaf is one block of primitives in wide layouts.
+    """
+    batch, shape = read_rays(origins, directions, 0.0, np.inf)
+    with device_casts_all():
+        return _answer(caster, _COUNT_STEPS, STEPS, batch, shape, None)
 
 
 @cut_smaller_when_full

@@ -8,8 +8,8 @@ import pytest
 from clbvh import Camera, Fisheye, build, make_shape
 from clbvh.errors import ConfigError
 from clbvh.rendering.cameras.framing import frame_mesh
-from clbvh.rendering.heat_map import _colour_of, count_picture, draw_heat_map, draw_heat_map_of
-from clbvh.trace.check.visits import count_visits
+from clbvh.rendering.heat_map import _colour_of, count_picture, draw_heat_map, draw_heat_map_of, open_counter
+from clbvh.trace.hits.closest import count_steps
 
 
 def lightness(colours):
@@ -62,11 +62,11 @@ def test_an_unknown_quantity_is_refused():
 def test_counts_are_those_of_the_pictures_rays():
     bvh = build(make_shape("knot", triangles=1000))
     camera = frame_mesh(bvh.mesh, aspect=2)
-    origins, directions = camera.rays(40, 20)
-    expected = count_visits(bvh, origins.reshape(-1, 3), directions.reshape(-1, 3))
-    assert np.array_equal(count_picture(bvh, camera, 40, 20).triangle_tests, expected.triangle_tests)
+    with open_counter(bvh) as caster:
+        expected = count_steps(caster, *camera.rays(40, 20)).reshape(20, 40)
+    assert np.array_equal(count_picture(bvh, camera, 40, 20), expected)
     picture = draw_heat_map_of(bvh, camera, 40, 20, "triangles")
-    assert np.array_equal(picture, draw_heat_map(expected.triangle_tests.reshape(20, 40), "triangles"))
+    assert np.array_equal(picture, draw_heat_map(expected["prim_tests"], "triangles"))
 
 
 def test_a_fisheye_takes_no_steps_outside_its_circle():
@@ -74,6 +74,6 @@ def test_a_fisheye_takes_no_steps_outside_its_circle():
     # Beyond its circle, rays go straight behind the camera, where the sphere is.
     camera = Camera(eye=(0, 0, 3), look_at=(0, 0, 6), projection=Fisheye(360))
     is_outside = ~camera.sees(40, 20)
-    assert count_picture(bvh, camera, 40, 20).node_steps.reshape(20, 40)[is_outside].min() > 0
-    expected = np.where(is_outside, 0, count_picture(bvh, camera, 40, 20).node_steps.reshape(20, 40))
+    assert count_picture(bvh, camera, 40, 20)["node_steps"][is_outside].min() > 0
+    expected = np.where(is_outside, 0, count_picture(bvh, camera, 40, 20)["node_steps"])
     np.testing.assert_array_equal(draw_heat_map_of(bvh, camera, 40, 20, "nodes"), draw_heat_map(expected, "nodes"))
