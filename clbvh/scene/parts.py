@@ -81,7 +81,7 @@ def parts_of_file(path: str | os.PathLike[str], load: Callable[[str | os.PathLik
         else (dataclasses.replace(mesh, name=f"{mesh.name}{file.suffix}"), mesh.name)
         for mesh in loaded.meshes
     ]
-    return Parts(shapes, [PlacedPart(*placement) for placement in loaded.placements])
+    return Parts(shapes, [PlacedPart(*node) for node in loaded.nodes])
 
 
 def parts_of_graph(scene: HasGraph) -> Parts:

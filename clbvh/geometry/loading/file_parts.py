@@ -5,7 +5,7 @@ Owns the rule by which a file is better kept as placed meshes. Must not know of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import chain
 from typing import NamedTuple
 
@@ -16,9 +16,6 @@ from ..appearance.appearance import Appearance, find_flat_normals, turn_corners
 from ..appearance.material import Material
 from ..mesh import Part, check_face_count
 from .file_mesh import FileMesh, finish_looks
-
-# Of corners whose part has none of them: the middle of no texture, and white, which tints nothing.
-_FILLERS = {"uvs": ((3, 2), np.float32, 0), "colours": ((3, 4), np.uint8, 255)}
 
 # Files whose nodes place more triangles than this times those of their meshes are scenes of instances.
 _MOST_PLACED = 2
@@ -39,12 +36,12 @@ class FileParts(NamedTuple):
     nodes: list[FileNode]
 
 
-class LooksPiece(NamedTuple):
-    """The looks of some triangles, and the triangles: (V, 3) float and (F, 3) int."""
+class Piece(NamedTuple):
+    """Some triangles of a mesh, (V, 3) float and (F, 3) int, and their looks."""
 
-    appearance: Appearance | None
     points: NDArray[np.number]
     faces: NDArray[np.integer]
+    appearance: Appearance | None
 
 
 def join_nodes(read: FileMesh | FileParts) -> FileMesh:
@@ -59,26 +56,20 @@ def join_nodes(read: FileMesh | FileParts) -> FileMesh:
         return read
     placed = [read.meshes[node.mesh] for node in read.nodes]
     check_face_count(sum(len(mesh.faces) for mesh in placed), sum(len(mesh.vertices) for mesh in placed))
-    pieces: list[LooksPiece] = []
+    pieces: list[Piece] = []
     parts: list[Part] = []
-    vertices: list[NDArray[np.number]] = [np.empty((0, 3))]
-    faces: list[NDArray[np.integer]] = [np.empty((0, 3), np.int64)]
-    vertex_count, face_count = 0, 0
+    face_count = 0
     for node, mesh in zip(read.nodes, placed, strict=True):
         with np.errstate(invalid="ignore"):
             mirrors = bool(np.linalg.slogdet(node.matrix[:3, :3])[0] < 0)
         # A mirrored triangle is seen from its other side, unless its corners are turned round.
-        own_faces = mesh.faces[:, ::-1] if mirrors else mesh.faces
-        points = _move(mesh.vertices, node.matrix)
-        pieces.append(LooksPiece(_move_looks(mesh.appearance, node.matrix, mirrors), points, own_faces))
-        vertices.append(points)
-        faces.append(own_faces + vertex_count)
-        vertex_count += len(points)
-        if len(own_faces):
-            parts.append(Part(node.name.strip() or mesh.name, face_count, face_count + len(own_faces)))
-            face_count += len(own_faces)
-    looks = join_looks(pieces)
-    return FileMesh("", np.concatenate(vertices), np.concatenate(faces), looks, parts=tuple(parts))
+        faces = mesh.faces[:, ::-1] if mirrors else mesh.faces
+        looks = _move_looks(mesh.appearance, node.matrix, mirrors)
+        pieces.append(Piece(_move(mesh.vertices, node.matrix), faces, looks))
+        if len(faces):
+            parts.append(Part(node.name.strip() or mesh.name, face_count, face_count + len(faces)))
+            face_count += len(faces)
+    return join_pieces("", pieces)._replace(parts=tuple(parts))
 
 
 def join_few(read: FileMesh | FileParts) -> FileMesh | FileParts:
@@ -120,22 +111,32 @@ def drop_loose_vertices(mesh: FileMesh) -> FileMesh:
     return mesh._replace(vertices=mesh.vertices[used], faces=renumbered.reshape(mesh.faces.shape))
 
 
-def join_looks(pieces: Sequence[LooksPiece]) -> Appearance | None:
+def join_pieces(name: str, pieces: Sequence[Piece]) -> FileMesh:
+    """Return triangles one after the other as one mesh; an array of points that pieces share is listed once."""
+    points = {id(piece.points): piece.points for piece in pieces}
+    begins = np.cumsum([0, *map(len, points.values())]).tolist()
+    first = dict(zip(points, begins, strict=False))
+    faces = [piece.faces + first[id(piece.points)] for piece in pieces]
+    return FileMesh(
+        name,
+        np.concatenate([np.empty((0, 3)), *points.values()]),
+        np.concatenate([np.empty((0, 3), np.int64), *faces]),
+        _join_looks(pieces),
+    )
+
+
+def _join_looks(pieces: Sequence[Piece]) -> Appearance | None:
     """Return the looks of triangles that follow each other; None if none of them has any.
 
     Where some pieces have normals, the others have those of their faces.
     """
     looks = [piece.appearance or Appearance() for piece in pieces]
-    counts = [len(piece.faces) for piece in pieces]
     arrays: dict[str, NDArray] = {}
-    if any(each.normals is not None for each in looks):
-        arrays["normals"] = _concatenate([_find_normals(piece) for piece in pieces])
-    for name, (shape, dtype, filler) in _FILLERS.items():
+    for name, fill in _FILLERS.items():
         given = [getattr(each, name) for each in looks]
         if any(values is not None for values in given):
-            fillers = [np.broadcast_to(np.array(filler, dtype), (count, *shape)) for count in counts]
             arrays[name] = _concatenate(
-                [filled if values is None else values for values, filled in zip(given, fillers, strict=True)]
+                [fill(piece) if values is None else values for values, piece in zip(given, pieces, strict=True)]
             )
     if not any(each.materials for each in looks):
         return finish_looks(arrays, [])
@@ -145,16 +146,26 @@ def join_looks(pieces: Sequence[LooksPiece]) -> Appearance | None:
     numbers = {material: number for number, material in enumerate(dict.fromkeys(chain.from_iterable(used)))}
     if len(numbers) > 1:
         ids = []
-        for each, materials, count in zip(looks, used, counts, strict=True):
-            own_ids = np.array([numbers[material] for material in materials], np.int32)
-            ids.append(np.repeat(own_ids[:1], count) if each.material_ids is None else own_ids[each.material_ids])
+        for each, materials, piece in zip(looks, used, pieces, strict=True):
+            own = np.array([numbers[material] for material in materials], np.int32)
+            ids.append(np.repeat(own[:1], len(piece.faces)) if each.material_ids is None else own[each.material_ids])
         arrays["material_ids"] = _concatenate(ids)
     return finish_looks(arrays, list(numbers))
 
 
+# The values of pieces that have none where others have: those of their faces, the middle of no texture, and white,
+# which tints nothing.
+_FILLERS: dict[str, Callable[[Piece], NDArray]] = {
+    "normals": lambda piece: np.repeat(find_flat_normals(piece.points[piece.faces])[:, None], 3, axis=1),
+    "uvs": lambda piece: np.zeros((len(piece.faces), 3, 2), np.float32),
+    "colours": lambda piece: np.full((len(piece.faces), 3, 4), 255, np.uint8),
+}
+
+
 def _move(points: NDArray[np.number], matrix: NDArray[np.float64]) -> NDArray[np.number]:
+    """Return an array of its own, so that each node has its own vertices."""
     if (matrix == np.eye(4)).all():
-        return points
+        return points.view()
     with np.errstate(over="ignore", invalid="ignore"):  # coordinates that are not finite are refused later
         return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
 
@@ -165,12 +176,6 @@ def _move_looks(looks: Appearance | None, matrix: NDArray[np.float64], mirrors: 
     with np.errstate(all="ignore"):
         moved = looks.transformed(matrix)
     return turn_corners(moved) if mirrors else moved
-
-
-def _find_normals(piece: LooksPiece) -> NDArray[np.float32]:
-    if piece.appearance is not None and piece.appearance.normals is not None:
-        return piece.appearance.normals
-    return np.repeat(find_flat_normals(piece.points[piece.faces])[:, None], 3, axis=1)
 
 
 def _concatenate(arrays: list[NDArray]) -> NDArray:

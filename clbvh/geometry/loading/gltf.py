@@ -13,17 +13,16 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from ..appearance.appearance import Appearance
 from ..local_frame import rotation_matrix
 from ..mesh import check_face_count
-from .file_mesh import FileMesh, Problems, cut_fans
-from .file_parts import FileNode, FileParts, LooksPiece, drop_loose_vertices, join_looks
+from .file_mesh import Problems, cut_fans
+from .file_parts import FileNode, FileParts, Piece, drop_loose_vertices, join_pieces
 from .gltf_data import GltfData, get_list, get_object, refuse_compression
 from .gltf_looks import GltfLooks
 
@@ -40,14 +39,6 @@ _INSTANCING = "EXT_mesh_gpu_instancing"
 
 # Rounding of writers that is no projection, in the last row of a matrix.
 _AFFINE_TOLERANCE = 1e-6
-
-
-class _Primitive(NamedTuple):
-    """The triangles of a primitive over the points of an accessor, and their looks."""
-
-    positions: int
-    faces: NDArray[np.integer]
-    looks: Appearance | None
 
 
 def read_gltf(data: bytes, file: Path, problems: Problems) -> FileParts:
@@ -69,32 +60,14 @@ def read_gltf(data: bytes, file: Path, problems: Problems) -> FileParts:
         mesh_name = _read_name(gltf.item("meshes", node.mesh))
         if node.mesh not in numbers:
             numbers[node.mesh] = len(numbers)
-            mesh = _read_mesh(gltf, node.mesh, mesh_name or node.name, points, reader)
+            pieces = list(_read_primitives(gltf, node.mesh, points, reader))
+            mesh = join_pieces(mesh_name or node.name, pieces)
             is_shared = any(users[positions] > 1 for _, _, positions, _, _ in _triangle_primitives(gltf, node.mesh))
             parts.meshes.append(drop_loose_vertices(mesh) if is_shared else mesh)
         matrix = node.matrix.copy()
         matrix[3] = (0.0, 0.0, 0.0, 1.0)  # `_read_matrix` has seen that it is almost that
         parts.nodes.append(FileNode(node.name or mesh_name, numbers[node.mesh], matrix))
     return parts
-
-
-def _read_mesh(
-    gltf: GltfData, mesh: int, name: str, points: dict[int, NDArray[np.float64]], reader: GltfLooks
-) -> FileMesh:
-    """Return the primitives of a mesh as one; the points of an accessor are listed once."""
-    vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
-    faces: list[NDArray[np.integer]] = [np.empty((0, 3), np.int64)]
-    pieces: list[LooksPiece] = []
-    first_vertices: dict[int, int] = {}
-    vertex_count = 0
-    for positions, triangles, looks in _read_primitives(gltf, mesh, points, reader):
-        if positions not in first_vertices:
-            first_vertices[positions] = vertex_count
-            vertices.append(points[positions])
-            vertex_count += len(vertices[-1])
-        faces.append(triangles + first_vertices[positions])
-        pieces.append(LooksPiece(looks, points[positions], triangles))
-    return FileMesh(name, np.concatenate(vertices), np.concatenate(faces), join_looks(pieces))
 
 
 def _read_name(item: dict[str, Any]) -> str:
@@ -212,8 +185,8 @@ def _triangle_primitives(gltf: GltfData, mesh: int) -> Iterator[tuple[str, int, 
 
 def _read_primitives(
     gltf: GltfData, mesh: int, points: dict[int, NDArray[np.float64]], reader: GltfLooks
-) -> Iterator[_Primitive]:
-    """Yield the triangles of a mesh with their looks, and add the points that they refer to."""
+) -> Iterator[Piece]:
+    """Yield the primitives of a mesh; the points of an accessor are read once, and kept."""
     for where, mode, positions, indices, primitive in _triangle_primitives(gltf, mesh):
         if positions not in points:
             points[positions] = gltf.read_vectors(positions, (3,))
@@ -226,7 +199,7 @@ def _read_primitives(
                 f"{where}: face {face} refers to vertex {faces[face, corner]}, but there are {count} vertices "
                 f"(0 to {count - 1})"
             )
-        yield _Primitive(positions, faces, reader.read(primitive, points[positions], faces))
+        yield Piece(points[positions], faces, reader.read(primitive, points[positions], faces))
 
 
 def _cut(corners: NDArray[np.int64], mode: int, where: str) -> NDArray[np.integer]:

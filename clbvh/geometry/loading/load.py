@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import MeshError, shorten_message
 from ...support.files import read_errors_as, read_regular
-from ..mesh import Mesh, Part
+from ..mesh import Mesh
 from ..smooth_normals import flatten
 from .file_mesh import OFF_KEYWORD, FileMesh, Problems, is_binary_stl
 from .file_parts import FileNode, FileParts, join_few, join_nodes, split_parts
@@ -93,19 +92,11 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     return _load(path, join_nodes).meshes[0]
 
 
-class Placement(NamedTuple):
-    """A mesh, by its index, placed by a (4, 4) float64 matrix."""
-
-    name: str
-    mesh: int
-    matrix: NDArray[np.float64]
-
-
 class LoadedParts(NamedTuple):
-    """Meshes and their placements, in the order of the file. Names are not empty, but need not be unique."""
+    """Meshes and the nodes that place them, in the order of the file. Names are not empty, but need not be unique."""
 
     meshes: list[Mesh]
-    placements: list[Placement]
+    nodes: list[FileNode]
 
 
 def load_parts(path: str | os.PathLike[str]) -> LoadedParts:
@@ -114,15 +105,15 @@ def load_parts(path: str | os.PathLike[str]) -> LoadedParts:
     Parameters
     ----------
     path : str or path
-        See `load_mesh`. GLB and glTF files have a mesh for each of theirs, and a placement for each node of the scene;
+        See `load_mesh`. GLB and glTF files have a mesh for each of theirs, and a node for each of the scene's;
         OBJ files have a mesh for each object, or for each group if no object is named. Other files are one mesh.
 
     Returns
     -------
     LoadedParts
-        Without the parts that have no faces. What the placements make of the meshes is what `load_mesh` reads, but for
+        Without the parts that have no faces. What the nodes make of the meshes is what `load_mesh` reads, but for
         vertices that no face of a part refers to, which are left out. A mesh without a name has the file's, with its
-        suffix; its placement has it without.
+        suffix; its node has it without.
 
     Raises
     ------
@@ -149,46 +140,30 @@ def load_placed(path: str | os.PathLike[str]) -> LoadedParts:
     return _load(path, join_few)
 
 
-def _load(path: str | os.PathLike[str], arrange: Callable[[FileMesh | FileParts], FileMesh | FileParts]) -> LoadedParts:
-    """Load a file; `arrange` joins or cuts what the reader of its format returns."""
-    file, source = _check_path(path)
-    read = _read(file, source, arrange)
-    parts = FileParts([read], [FileNode("", 0, np.eye(4))]) if isinstance(read, FileMesh) else read
-    if not any(len(parts.meshes[node.mesh].faces) for node in parts.nodes):
-        raise _no_faces(source, sum(len(mesh.vertices) for mesh in parts.meshes))
-
-    loaded = LoadedParts([], [])
-    numbers: dict[int, int] = {}
-    stem = file.stem or file.name
-    for number, mesh_of_file in enumerate(parts.meshes):
-        if len(mesh_of_file.faces):
-            numbers[number] = len(numbers)
-            part = mesh_of_file.name.strip() or file.name
-            where = f"{source}: {part}" if len(parts.meshes) > 1 else source
-            loaded.meshes.append(_make_mesh(mesh_of_file, where, part, stem))
-    for name, mesh, matrix in parts.nodes:
-        if mesh in numbers:
-            loaded.placements.append(
-                Placement(name.strip() or parts.meshes[mesh].name.strip() or stem, numbers[mesh], matrix)
-            )
-    return loaded
+# What is made of the meshes that a reader returns: one mesh, or several and their nodes.
+_Arrange = Callable[[FileMesh | FileParts], FileMesh | FileParts]
 
 
-def _check_path(path: str | os.PathLike[str]) -> tuple[Path, str]:
+def _load(path: str | os.PathLike[str], arrange: _Arrange) -> LoadedParts:
+    """Load a file; every error becomes a `MeshError` that names it."""
     try:
-        return Path(path), str(path)
+        file, source = Path(path), str(path)
     except TypeError as error:
         raise MeshError(f"a mesh file is named by a str or a path, not by {path!r}") from error
+    try:
+        return _make_parts(file, source, _read(file, source, arrange))
+    except MemoryError as error:
+        raise MeshError(f"{source}: there is not enough free memory to read the file") from error
 
 
-def _read(
-    file: Path, source: str, arrange: Callable[[FileMesh | FileParts], FileMesh | FileParts]
-) -> FileMesh | FileParts:
-    """Return what the reader of the file's format has read; every error becomes a `MeshError` that names the file.
-
-    Looks that cannot be used become one `AppearanceWarning`.
-    """
-    data = _read_bytes(file, source)
+def _read(file: Path, source: str, arrange: _Arrange) -> FileParts:
+    """Return what the reader of the file's format has read; looks that cannot be used become one warning."""
+    with read_errors_as(MeshError, source):
+        data = read_regular(file)
+    if not data or data.isspace():
+        raise MeshError(f"{source}: the file is empty")
+    # Some editors put a byte-order mark before a text, where it would belong to the first word.
+    data = data if is_binary_stl(data) else data.removeprefix(codecs.BOM_UTF8)
     file_format = _find_format(data, file.suffix.lower().lstrip("."))
     if file_format not in _READERS:
         raise MeshError(f"{source}: not a mesh file of a known kind: PLY, OBJ, STL, OFF, GLB and glTF are read")
@@ -196,54 +171,16 @@ def _read(
     try:
         name = _READERS[file_format]
         reader = getattr(importlib.import_module(f".{name}", __package__), f"read_{name}")
-        result = arrange(reader(data, file, problems))
+        read = arrange(reader(data, file, problems))
     except MeshError as error:
         raise MeshError(f"{source}: {error}") from error
-    except MemoryError as error:
-        raise _no_memory(source) from error
+    except MemoryError:
+        raise
     except Exception as error:  # numbers that are none, and other damage that no reader looks for
         detail = shorten_message(f"{type(error).__name__}: {error}")
         raise MeshError(f"{source}: the {file_format.upper()} file is damaged or incomplete ({detail})") from error
     problems.warn(source)
-    return result
-
-
-def _make_mesh(read: FileMesh, source: str, name: str, stem: str) -> Mesh:
-    parts = [Part(_clean(part) or stem, begin, end) for part, begin, end in read.parts]
-    try:
-        mesh = Mesh.from_arrays(
-            read.vertices, read.faces, name=source, appearance=read.appearance, parts=parts if len(parts) > 1 else ()
-        )
-        appearance = mesh.appearance if read.flat_faces is None else flatten(mesh, read.flat_faces)
-        return dataclasses.replace(mesh, name=name, appearance=appearance)
-    except MemoryError as error:
-        raise _no_memory(source) from error
-
-
-def _clean(name: str) -> str:
-    """Return a name that can be printed."""
-    return name.strip().encode("utf-8", "replace").decode()
-
-
-def _no_faces(source: str, vertex_count: int) -> MeshError:
-    if vertex_count == 0:
-        return MeshError(f"{source}: the file has no triangles")
-    return MeshError(
-        f"{source}: the file has {vertex_count:,} vertices but no faces: rays need a surface, not a point cloud"
-    )
-
-
-def _no_memory(source: str) -> MeshError:
-    return MeshError(f"{source}: there is not enough free memory to read the file")
-
-
-def _read_bytes(file: Path, source: str) -> bytes:
-    with read_errors_as(MeshError, source):
-        data = read_regular(file)
-    if not data or data.isspace():
-        raise MeshError(f"{source}: the file is empty")
-    # Some editors put a byte-order mark before a text, where it would belong to the first word.
-    return data if is_binary_stl(data) else data.removeprefix(codecs.BOM_UTF8)
+    return FileParts([read], [FileNode("", 0, np.eye(4))]) if isinstance(read, FileMesh) else read
 
 
 def _find_format(data: bytes, suffix: str) -> str:
@@ -251,3 +188,38 @@ def _find_format(data: bytes, suffix: str) -> str:
     if is_binary_stl(data):
         return "stl"
     return next((name for name, beginning in _BEGINNINGS.items() if beginning.match(data)), suffix)
+
+
+def _make_parts(file: Path, source: str, read: FileParts) -> LoadedParts:
+    """Return the meshes that have faces, and their nodes."""
+    if not any(len(read.meshes[node.mesh].faces) for node in read.nodes):
+        vertex_count = sum(len(mesh.vertices) for mesh in read.meshes)
+        raise MeshError(
+            f"{source}: the file has {vertex_count:,} vertices but no faces: rays need a surface, not a point cloud"
+            if vertex_count
+            else f"{source}: the file has no triangles"
+        )
+    loaded = LoadedParts([], [])
+    numbers: dict[int, int] = {}
+    stem = file.stem or file.name
+    for number, mesh in enumerate(read.meshes):
+        if len(mesh.faces):
+            numbers[number] = len(numbers)
+            name = mesh.name.strip() or file.name
+            where = f"{source}: {name}" if len(read.meshes) > 1 else source
+            loaded.meshes.append(_make_mesh(mesh, where, name, stem))
+    for name, number, matrix in read.nodes:
+        if number in numbers:
+            label = name.strip() or read.meshes[number].name.strip() or stem
+            loaded.nodes.append(FileNode(label, numbers[number], matrix))
+    return loaded
+
+
+def _make_mesh(read: FileMesh, source: str, name: str, stem: str) -> Mesh:
+    # Names that can be printed.
+    parts = [(part.strip().encode("utf-8", "replace").decode() or stem, begin, end) for part, begin, end in read.parts]
+    mesh = Mesh.from_arrays(
+        read.vertices, read.faces, name=source, appearance=read.appearance, parts=parts if len(parts) > 1 else ()
+    )
+    appearance = mesh.appearance if read.flat_faces is None else flatten(mesh, read.flat_faces)
+    return dataclasses.replace(mesh, name=name, appearance=appearance)

@@ -1,6 +1,8 @@
 """The PLY format: ASCII, binary little-endian and big-endian, with any properties, any polygons and strips.
 
-Owns the header and the rows; numpy reads the numbers. No array is larger than the file allows.
+numpy reads the numbers; no array is larger than the file allows. Looks are normals, colours and texture coordinates of
+vertices or faces, and names of textures, by the names that MeshLab, Blender, VCGlib, CloudCompare and the Stanford
+repository write.
 
 Greg Turk, "The PLY Polygon File Format", 1994.
 """
@@ -8,6 +10,7 @@ Greg Turk, "The PLY Polygon File Format", 1994.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,9 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
+from ..appearance.material import Material
 from ..mesh import check_face_count
-from .file_mesh import FileMesh, Problems, cut_fans, report_edges
-from .ply_looks import PlyColumn, PlyTriangles, read_ply_looks
+from .file_mesh import (
+    FileMesh,
+    Problems,
+    count_triangles,
+    cut_fans,
+    finish_looks,
+    join_channels,
+    report_edges,
+    spread_colours,
+    spread_normals,
+    spread_uvs,
+)
+from .texture_files import TextureFiles
 
 # In place of a vertex: the next one begins another strip.
 RESTART = -1
@@ -76,6 +91,13 @@ _KEYWORDS = ("format", "element", "property")
 _FACE_LISTS = ("vertex_indices", "vertex_index")
 _CHUNK_BYTES = 1 << 18  # searched at a time: they stay in the cache
 
+_NORMALS = ("nx", "ny", "nz")
+_COLOURS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
+_ALPHAS = ("alpha", "diffuse_alpha", "a")
+_UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
+_CORNER_UVS, _TEXTURE_ID = "texcoord", "texnumber"
+_TEXTURE = re.compile(rb"^comment[ \t]+texturefile[ \t]+(.+?)[ \t]*\r?$", re.IGNORECASE | re.MULTILINE)
+
 
 class _Property(NamedTuple):
     """One property of an element; a list if it has a type for lengths."""
@@ -93,8 +115,15 @@ class _Element(NamedTuple):
     properties: list[_Property]
 
 
-# The values of each property, row after row, and the number of them in each row.
-_Columns = dict[str, tuple[NDArray[np.number], NDArray[np.int64]]]
+class _Column(NamedTuple):
+    """The values of one property, row after row, the number of them in each row, and their type in the file."""
+
+    values: NDArray[np.number]
+    sizes: NDArray[np.int64]
+    dtype: np.dtype
+
+
+_Columns = Mapping[str, _Column]
 
 
 def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
@@ -105,11 +134,10 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
         lines = data[begin:].replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         data, begin = _EMPTY_LINES.sub(b"\n", lines).strip() + b"\n", 0
         read_rows = _read_text_rows
-    columns: dict[str, dict[str, PlyColumn]] = {}
+    columns: dict[str, _Columns] = {}
     for element in elements:
         if element.row_count and element.properties:
-            found, begin = read_rows(data, begin, element)
-            columns[element.name] = {prop.name: PlyColumn(*found[prop.name], prop.dtype) for prop in element.properties}
+            columns[element.name], begin = read_rows(data, begin, element)
     if data[begin:].strip():
         raise MeshError("the file goes on behind the end that its header declares, so one of the two is damaged")
 
@@ -131,12 +159,75 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
         face = int(np.searchsorted(np.cumsum(sizes), corner, side="right"))
         raise MeshError(f"face {face} refers to vertex {corners[corner]}, which is no whole number")
     if kinds[0] == _STRIPS:
-        triangles, of_faces = PlyTriangles(vertices, cut_strips(ids, sizes), None), {}
+        faces, of_faces = cut_strips(ids, sizes), {}
     else:
-        triangles = PlyTriangles(vertices, cut_fans(ids, sizes), None if (sizes == 3).all() else sizes)
+        faces = cut_fans(ids, sizes)
         report_edges(sizes, problems)
-    appearance = read_ply_looks(header, columns["vertex"], of_faces, triangles, file.parent, problems)
-    return FileMesh("", vertices, triangles.faces, appearance)
+    looks = _read_looks(columns["vertex"], of_faces, vertices, faces, sizes, problems)
+    materials: list[Material] = []
+    if "uvs" in looks and (names := [name.decode("utf-8", "replace") for name in _TEXTURE.findall(header)]):
+        textures = TextureFiles(file.parent, problems)
+        # A white material for each texture.
+        white = (1.0, 1.0, 1.0)
+        materials = [Material(name, white, base_colour_texture=textures.read(name, is_srgb=True)) for name in names]
+        if len(materials) > 1 and _TEXTURE_ID in of_faces:
+            with problems.drop("the numbers of the textures"):
+                ids = of_faces[_TEXTURE_ID].values.astype(np.int64)
+                is_known = (ids >= 0) & (ids < len(materials))
+                if not is_known.all():
+                    ids = np.where(is_known, ids, len(materials))
+                    materials.append(Material(base_colour=white))
+                looks["material_ids"] = ids[_find_polygons(sizes)].astype(np.int32)
+    return FileMesh("", vertices, faces, finish_looks(looks, materials))
+
+
+def _read_looks(
+    of_vertices: _Columns,
+    of_faces: _Columns,
+    vertices: NDArray[np.number],
+    faces: NDArray[np.integer],
+    sizes: NDArray[np.int64],
+    problems: Problems,
+) -> dict[str, NDArray]:
+    """Return normals, colours and texture coordinates of triangles, given the numbers of corners of the polygons."""
+    looks: dict[str, NDArray] = {}
+    if all(name in of_vertices for name in _NORMALS):
+        with problems.drop("the normals"):
+            normals = np.column_stack([of_vertices[name].values for name in _NORMALS])
+            looks["normals"] = spread_normals(normals, faces, vertices, faces)
+    for columns in (of_vertices, of_faces):
+        if "colours" not in looks and (names := _find_names(columns, _COLOURS)):
+            with problems.drop("the colours"):
+                channels = [columns[name] for name in [*names, *[name for name in _ALPHAS if name in columns][:1]]]
+                colours = join_channels([channel.values for channel in channels], channels[0].dtype)
+                ids = np.repeat(_find_polygons(sizes)[:, None], 3, axis=1) if columns is of_faces else faces
+                looks["colours"] = spread_colours(colours, ids)
+    if _CORNER_UVS in of_faces:
+        with problems.drop("the texture coordinates"):
+            looks["uvs"] = _read_corner_uvs(of_faces[_CORNER_UVS], sizes)
+    elif names := _find_names(of_vertices, _UVS):
+        with problems.drop("the texture coordinates"):
+            looks["uvs"] = spread_uvs(np.column_stack([of_vertices[name].values for name in names]), faces)
+    return looks
+
+
+def _find_names(columns: _Columns, choices: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    return next((names for names in choices if all(name in columns for name in names)), ())
+
+
+def _find_polygons(sizes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the polygon that each triangle was cut from, (F,) int64."""
+    return np.repeat(np.arange(len(sizes)), count_triangles(sizes))
+
+
+def _read_corner_uvs(column: _Column, sizes: NDArray[np.int64]) -> NDArray[np.float32]:
+    """Return the texture coordinates of lists that have two numbers for each corner of a polygon, or none."""
+    if not ((column.sizes == 2 * sizes) | (column.sizes == 0)).all():
+        raise MeshError("a face has not two of them for each corner")
+    # Corners in the lists that are there, in their order, have the coordinates; the others have none.
+    has_uvs = np.repeat(column.sizes > 0, sizes)
+    slots = cut_fans(np.where(has_uvs, np.cumsum(has_uvs) - 1, -1), sizes)
+    return spread_uvs(column.values.reshape(-1, 2), slots)
 
 
 def _read_header(data: bytes) -> tuple[bytes, str, list[_Element], int]:
@@ -188,7 +279,7 @@ def _read_text_rows(data: bytes, begin: int, element: _Element) -> tuple[_Column
     columns, row_end = _read_rows(rows, 0, element._replace(properties=properties))
     if row_end != len(rows):
         raise MeshError(f"the lines of '{element.name}' have more numbers than the header declares")
-    return columns, end
+    return {prop.name: columns[prop.name]._replace(dtype=prop.dtype) for prop in element.properties}, end
 
 
 def _find_line_end(data: bytes, begin: int, line_count: int) -> int:
@@ -214,12 +305,14 @@ def _read_rows(data: bytes, begin: int, element: _Element) -> tuple[_Columns, in
         fields: list[tuple[str, np.dtype, tuple[int, ...]]] = []
         for name, dtype, length_dtype in element.properties:
             fields += [(f"{name} length", length_dtype, ())] if length_dtype else []
-            fields += [(name, dtype, (len(first[name][0]),))]
+            fields += [(name, dtype, first[name].values.shape)]
         table = np.frombuffer(data, fields, element.row_count, begin)
         lists = [prop.name for prop in element.properties if prop.length_dtype]
-        if all((table[f"{name} length"] == first[name][1]).all() for name in lists):
-            sizes = {name: length.repeat(element.row_count) for name, (_, length) in first.items()}
-            return {name: (table[name].ravel(), sizes[name]) for name in first}, end
+        if all((table[f"{name} length"] == first[name].sizes).all() for name in lists):
+            return {
+                name: _Column(table[name].ravel(), sizes.repeat(element.row_count), dtype)
+                for name, (_, sizes, dtype) in first.items()
+            }, end
     return _walk_rows(data, begin, element)
 
 
@@ -243,8 +336,10 @@ def _walk_rows(data: bytes, begin: int, element: _Element) -> tuple[_Columns, in
                 raise _cut_off(element)
             pieces[name].append(np.frombuffer(data, dtype, size, at))
             at += size * dtype.itemsize
-    sizes = {name: np.fromiter(map(len, rows), np.int64) for name, rows in pieces.items()}
-    return {name: (np.concatenate(rows), sizes[name]) for name, rows in pieces.items()}, at
+    return {
+        prop.name: _Column(np.concatenate(rows), np.fromiter(map(len, rows), np.int64), prop.dtype)
+        for prop, rows in zip(element.properties, pieces.values(), strict=True)
+    }, at
 
 
 def _cut_off(element: _Element) -> MeshError:
