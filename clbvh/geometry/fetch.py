@@ -59,11 +59,6 @@ class KnownMesh:
         """The name of the file in the cache."""
         return self.member.rsplit("/", 1)[-1]
 
-    @property
-    def file_names(self) -> tuple[str, ...]:
-        """The names that the file may have in the user's folder, best first."""
-        return (self.file_name, *self.alternatives, f"{self.name}.ply")
-
 
 KNOWN_MESHES = {
     mesh.name: mesh
@@ -120,7 +115,7 @@ def find_known_mesh(name: str) -> Path:
     """
     mesh = get_known_mesh(name)
     if folder := os.environ.get(MESHES_VARIABLE):
-        for file_name in mesh.file_names:
+        for file_name in (mesh.file_name, *mesh.alternatives, f"{mesh.name}.ply"):  # best first
             if (path := Path(folder) / file_name).is_file():
                 return path
     if (path := find_cache() / mesh.file_name).is_file():

@@ -27,8 +27,8 @@ from ..geometry import Mesh, Shape, Spheres, find_known_mesh, load_mesh, make_sh
 from ..geometry.appearance.material import Material, Texture
 from ..geometry.loading.spheres_file import SPHERES_SUFFIXES, read_spheres
 from ..geometry.loading.texture_files import decode_image
-from ..geometry.shapes.make_shape import list_shape_options
-from ..geometry.shapes.make_spheres import list_spheres_options, make_spheres
+from ..geometry.shapes.make_shape import SHAPES, list_options
+from ..geometry.shapes.make_spheres import SPHERE_SETS, make_spheres
 from ..scene.copies import Grid, Scatter, check_copies
 from ..scene.handles import ALL_BITS, Geometry
 from ..scene.names import Named, name_of_file
@@ -128,9 +128,7 @@ class _ProceduralSpheres(SceneObject, kw_only=True, frozen=True):
     seed: Whole = 0
 
     def load(self) -> Spheres:
-        made = make_spheres(self.spheres, count=self.number, seed=self.seed, **self.options)
-        looks = {"materials": made.materials, "material_ids": made.material_ids}
-        return Spheres.from_arrays(made.centres, made.radii, name=self.spheres, **looks)
+        return make_spheres(self.spheres, count=self.number, seed=self.seed, **self.options)
 
 
 class _SpheresFile(SceneObject, kw_only=True, frozen=True):
@@ -315,9 +313,9 @@ def _read_object(values: dict[str, Any], folder: Path) -> SceneObject:
         if kind in (_File, _SpheresFile):
             values[chosen[0]] = str(folder / name)
         elif kind is _ProceduralShape:
-            kind = _add_options(kind, list_shape_options(name))
+            kind = _add_options(kind, list_options("is no shape", SHAPES, name))
         elif kind is _ProceduralSpheres:
-            kind = _add_options(kind, list_spheres_options(name))
+            kind = _add_options(kind, list_options("are no spheres", SPHERE_SETS, name))
     if isinstance(repeat := values.get("repeat"), dict):
         with _naming("repeat"):
             if ("grid" in repeat) == ("on" in repeat):

@@ -119,10 +119,12 @@ def _check_pixels(pixels: ArrayLike, name: str) -> NDArray[np.uint8]:
 
 
 _TEXTURES = ("base_colour_texture", "metallic_roughness_texture", "emission_texture", "normal_texture")
-_SHARES = ("alpha", "metallic", "roughness", "transmission")
 
-# The strongest light and refraction that float32 arithmetic on a device bears well.
-_MAX_EMISSION, _MAX_IOR, _MAX_NORMAL_SCALE = 1e12, 100.0, 100.0
+# The least and the most of each number and colour: of light and refraction as much as float32 arithmetic on a device
+# bears well.
+_LIMITS = dict.fromkeys(("alpha", "metallic", "roughness", "transmission"), (0.0, 1.0))
+_LIMITS |= {"alpha_cutoff": (0.0, math.inf), "normal_scale": (-100.0, 100.0), "ior": (1.0, 100.0)}
+_MOST_COLOUR = {"base_colour": 1.0, "emission": 1e12}
 
 
 @dataclass(frozen=True)
@@ -197,14 +199,11 @@ class Material:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise MeshError(f"the material's name must be a text, not {self.name!r}")
-        for name in _SHARES:
-            self._set(name, self._check_number(name, 0.0, 1.0))
-        if self.alpha_cutoff is not None:
-            self._set("alpha_cutoff", self._check_number("alpha_cutoff", 0.0, math.inf))
-        self._set("normal_scale", self._check_number("normal_scale", -_MAX_NORMAL_SCALE, _MAX_NORMAL_SCALE))
-        self._set("ior", self._check_number("ior", 1.0, _MAX_IOR))
-        self._set("base_colour", self._check_colour("base_colour", 1.0))
-        self._set("emission", self._check_colour("emission", _MAX_EMISSION))
+        for name, (least, most) in _LIMITS.items():
+            if name != "alpha_cutoff" or self.alpha_cutoff is not None:
+                object.__setattr__(self, name, self._check_number(name, least, most))
+        for name, most in _MOST_COLOUR.items():
+            object.__setattr__(self, name, self._check_colour(name, most))
         for name in _TEXTURES:
             if not isinstance(texture := getattr(self, name), Texture | None):
                 raise MeshError(f"the material's {name} must be a clbvh.Texture, not a {type(texture).__name__}")
@@ -238,9 +237,6 @@ class Material:
         if len(numbers) != 3 or not all(0 <= number <= most for number in numbers):
             raise MeshError(f"the material's {name} must be three numbers from 0 to {most:g}, not {value!r}")
         return numbers[0], numbers[1], numbers[2]
-
-    def _set(self, name: str, value: object) -> None:
-        object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
         """Show what differs from a material without arguments."""

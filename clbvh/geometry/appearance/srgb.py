@@ -55,10 +55,7 @@ def linear_to_srgb_bytes(colours: ArrayLike) -> NDArray[np.uint8]:
     ValueError
         A number is NaN.
     """
-    values = np.asarray(colours)
-    if np.isnan(values).any():
-        raise ValueError("a colour is not a number")
-    return _srgb_bytes()[(np.clip(values, 0, 1) * (_STEPS - 1) + 0.5).astype(np.uint16)]
+    return _srgb_bytes()[_round(colours, _STEPS - 1).astype(np.uint16)]
 
 
 def to_bytes(shares: ArrayLike) -> NDArray[np.uint8]:
@@ -69,7 +66,11 @@ def to_bytes(shares: ArrayLike) -> NDArray[np.uint8]:
     ValueError
         A number is NaN.
     """
+    return _round(shares, _MAX_BYTE).astype(np.uint8)
+
+
+def _round(shares: ArrayLike, most: int) -> NDArray[np.floating]:
     values = np.asarray(shares)
     if np.isnan(values).any():
         raise ValueError("a colour is not a number")
-    return (np.clip(values, 0, 1) * _MAX_BYTE + 0.5).astype(np.uint8)
+    return np.clip(values, 0, 1) * most + 0.5

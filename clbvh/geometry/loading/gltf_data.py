@@ -189,16 +189,21 @@ class GltfData:
         return np.ndarray((count, width), dtype, buffer, begin + offset if count else 0, (stride, dtype.itemsize))
 
     def _read_buffer(self, view: dict[str, Any], view_index: Any) -> bytes:
-        """Return the buffer of a view; it is read only once."""
+        """Return the buffer of a view, from the GLB file itself or from its URI; it is read only once."""
         index: Any = view.get("buffer")
         buffer = self.item("buffers", index)
-        has_bytes = "uri" in buffer or (index == 0 and self._chunk is not None)
+        uri, chunk = buffer.get("uri"), self._chunk if index == 0 else None
+        has_bytes = "uri" in buffer or chunk is not None
         for name in _COMPRESSED_VIEWS:
             if name in get_object(view, "extensions") and not has_bytes:
                 raise refuse_compression(name)
         if index not in self._buffers:
             length = get_whole(buffer, "byteLength")
-            content = self._find_bytes(buffer, index)
+            if not isinstance(uri, str | None):
+                raise MeshError(f"buffers[{index}] has a uri that is no text")
+            content = chunk if uri is None else self.read_uri(uri, f"buffers[{index}]")
+            if content is None:
+                raise MeshError(f"buffers[{index}] has no uri, so its bytes are missing")
             if len(content) < length:
                 raise MeshError(
                     f"buffers[{index}] declares {length:,} bytes, but has {len(content):,}: "
@@ -206,17 +211,6 @@ class GltfData:
                 )
             self._buffers[index] = content[:length]
         return self._buffers[index]
-
-    def _find_bytes(self, buffer: dict[str, Any], index: int) -> bytes:
-        """Return the content of a buffer: from the GLB file itself, from its URI, or from a file beside this one."""
-        uri = buffer.get("uri")
-        if uri is None:
-            if index == 0 and self._chunk is not None:
-                return self._chunk
-            raise MeshError(f"buffers[{index}] has no uri, so its bytes are missing")
-        if not isinstance(uri, str):
-            raise MeshError(f"buffers[{index}] has a uri that is no text")
-        return self.read_uri(uri, f"buffers[{index}]")
 
 
 _DECODE = "write the file without compression (for example: gltf-transform copy IN OUT)"

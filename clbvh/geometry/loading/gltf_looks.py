@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +32,6 @@ _OPAQUE_MODE, _MASK_MODE, _BLEND_MODE = "OPAQUE", "MASK", "BLEND"
 # Sources of a texture that an extension names instead; those of basisu cannot be decoded.
 _OTHER_SOURCES = ("EXT_texture_webp", "MSFT_texture_dds")
 _MOST_LIGHT, _MOST_SCALE = 1e12, 100.0
-
-
-_Made = TypeVar("_Made")
 
 
 class Placement(NamedTuple):
@@ -110,12 +107,11 @@ class GltfLooks:
             raise MeshError(f"there are {len(values):,} for {len(points):,} vertices")
         return values
 
-    def _once(self, make: Callable[..., _Made], *arguments: Any) -> _Made:
+    def _once(self, make: Callable[..., Any], *arguments: Any) -> Any:
         """Return what a method makes of arguments; it is called once for them."""
         if (make, arguments) not in self._made:
             self._made[make, arguments] = make(self, *arguments)
-        made: _Made = self._made[make, arguments]
-        return made
+        return self._made[make, arguments]
 
     def _find_placement(self, index: Any) -> Placement:
         """Return how the textures of a material lie."""
@@ -146,6 +142,7 @@ class GltfLooks:
             min(_MOST_LIGHT, max(0.0, light * strength)) for light in _read_numbers(table, "emissiveFactor", (0.0,) * 3)
         ]
         name = table.get("name")
+        normal_scale = _read_number(normal_info, "scale", 1.0) if isinstance(normal_info, dict) else 1.0
         return Material(
             name=name if isinstance(name, str) else "",
             base_colour=(factor[0], factor[1], factor[2]),
@@ -160,7 +157,7 @@ class GltfLooks:
             metallic_roughness_texture=self._read_texture(metal_info, is_srgb=False),
             emission_texture=self._read_texture(light_info, is_srgb=True),
             normal_texture=self._read_texture(normal_info, is_srgb=False),
-            normal_scale=_read_normal_scale(normal_info),
+            normal_scale=min(_MOST_SCALE, max(-_MOST_SCALE, normal_scale)),
         )
 
     def _read_texture(self, info: Any, *, is_srgb: bool, is_opaque: bool = True) -> Texture | None:
@@ -175,7 +172,10 @@ class GltfLooks:
         return None
 
     def _make_texture(self, image: Any, wrap: tuple[str, str], is_srgb: bool, is_opaque: bool) -> Texture:
-        texture = Texture(self._name_of(image), self._once(GltfLooks._decode_image, image), is_srgb, wrap)
+        table = self._gltf.item("images", image)
+        uri = str(table.get("uri", ""))
+        name = table.get("name") or (uri if uri and not uri.startswith("data:") else f"images[{image}]")
+        texture = Texture(str(name), self._once(GltfLooks._decode_image, image), is_srgb, wrap)
         return with_alpha(texture, OPAQUE) if is_opaque else texture
 
     def _read_wrap(self, texture: dict[str, Any]) -> tuple[str, str]:
@@ -183,22 +183,14 @@ class GltfLooks:
         wrap_u, wrap_v = (sampler.get(key, _REPEAT) for key in ("wrapS", "wrapT"))
         return _WRAPS.get(wrap_u, "repeat"), _WRAPS.get(wrap_v, "repeat")
 
-    def _name_of(self, image: int) -> str:
-        table = self._gltf.item("images", image)
-        uri = str(table.get("uri", ""))
-        return str(table.get("name") or (uri if uri and not uri.startswith("data:") else f"images[{image}]"))
-
     def _decode_image(self, image: Any) -> NDArray[np.uint8]:
-        return decode_image(self._read_bytes(image))
-
-    def _read_bytes(self, image: int) -> bytes:
         table = self._gltf.item("images", image)
         if "bufferView" in table:
-            return self._gltf.read_view_bytes(table["bufferView"])
+            return decode_image(self._gltf.read_view_bytes(table["bufferView"]))
         uri = table.get("uri")
         if not isinstance(uri, str):
             raise MeshError(f"images[{image}] has neither a buffer view nor a uri")
-        return self._gltf.read_uri(uri, f"images[{image}]", may_be_above=True)
+        return decode_image(self._gltf.read_uri(uri, f"images[{image}]", may_be_above=True))
 
 
 _OLD = "KHR_materials_pbrSpecularGlossiness"
@@ -234,11 +226,6 @@ def _find_source(texture: dict[str, Any]) -> Any:
     if "source" not in texture:
         raise MeshError(f"it has no image that is read{', but ' + ', '.join(extensions) if extensions else ''}")
     return texture["source"]
-
-
-def _read_normal_scale(info: Any) -> float:
-    scale = _read_number(info, "scale", 1.0) if isinstance(info, dict) else 1.0
-    return min(_MOST_SCALE, max(-_MOST_SCALE, scale))
 
 
 def _read_number(table: dict[str, Any], key: str, default: float) -> float:

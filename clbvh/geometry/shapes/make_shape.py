@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -82,7 +82,7 @@ def make_shape(name: str, *, triangles: int, seed: int = 0, **options: float) ->
     >>> clbvh.make_shape("icosphere", triangles=1000).face_count
     980
     """
-    check_options(f"shape '{name}'", list_shape_options(name), options)
+    check_options(f"shape '{name}'", list_options("is no shape", SHAPES, name), options)
     check_whole(triangles=(triangles, 0), seed=(seed, 0))
     try:
         check_face_count(int(triangles))
@@ -109,8 +109,8 @@ def check_whole(**numbers: tuple[int, int]) -> None:
             raise ConfigError(f"{key} must be a whole number from {least}, not {number!r}")
 
 
-def list_shape_options(name: str) -> tuple[str, ...]:
-    """Return the names of a shape's own options; raise `ConfigError` if there is no such shape."""
-    if name not in SHAPES:
-        raise ConfigError(f"there is no shape '{name}': take one of {', '.join(SHAPES)}")
-    return tuple(key for key in inspect.signature(SHAPES[name]).parameters if key not in ("triangles", "generator"))
+def list_options(phrase: str, makers: Mapping[str, Callable[..., object]], name: str) -> tuple[str, ...]:
+    """Return the names of a maker's own options; raise `ConfigError` with the phrase if there is no such maker."""
+    if name not in makers:
+        raise ConfigError(f"there {phrase} '{name}': take one of {', '.join(makers)}")
+    return tuple(inspect.signature(makers[name]).parameters)[2:]  # behind the number and the generator

@@ -6,10 +6,8 @@ ones. `galaxy` has a bulge, a disk, and spiral arms.
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,26 +16,8 @@ from ...errors import ConfigError
 from ...support.memory import check_memory
 from ..appearance.material import Material
 from ..mesh import MAX_FACE_COUNT
-from .make_shape import check_options, check_whole
-
-
-class SphereSet(NamedTuple):
-    """Spheres as arrays.
-
-    Attributes
-    ----------
-    centres : (n, 3) float64
-    radii : (n,) float64
-    materials : tuple of Material
-        Empty: the spheres have none.
-    material_ids : (n,) int32, or None
-    """
-
-    centres: NDArray[np.float64]
-    radii: NDArray[np.float64]
-    materials: tuple[Material, ...] = ()
-    material_ids: NDArray[np.int32] | None = None
-
+from ..spheres import Spheres
+from .make_shape import check_options, check_whole, list_options
 
 # Shares of the spheres outside the bulge; the rest of them is in the arms.
 _DISK, _HALO = 0.27, 0.025
@@ -62,7 +42,7 @@ def make_galaxy(
     thickness: float = 0.03,
     bulge: float = 0.18,
     size: float = 1.0,
-) -> SphereSet:
+) -> Spheres:
     """Return the spheres; `make_spheres` describes the options."""
     if arms != int(arms) or not 1 <= arms <= _MOST_ARMS:
         raise ConfigError(f"the option 'arms' of the spheres 'galaxy' must be 1 to {_MOST_ARMS}, not {arms!r}")
@@ -99,7 +79,7 @@ def make_galaxy(
     centres[is_halo] = _HALO_SIZE * np.cbrt(along[is_halo])[:, None] * direction
     # The more spheres, the smaller: together they cover about as much.
     radii = size * radius * 0.35 / np.sqrt(max(count, 1)) * sizes
-    return SphereSet(centres * radius, radii)
+    return Spheres(centres * radius, radii, name="galaxy")
 
 
 # The ground is a sphere so large that it looks flat: this radius, or this many sides of the field.
@@ -120,7 +100,7 @@ _LEAST_METAL, _MOST_ROUGHNESS = 0.5, 0.5
 _MOST_MATERIALS = 1000
 
 
-def make_weekend(count: int, generator: np.random.Generator) -> SphereSet:
+def make_weekend(count: int, generator: np.random.Generator) -> Spheres:
     """Return the ground, three large spheres, and as many small ones as are left of `count`."""
     small_count = max(count - 1 - len(_LARGE_X), 0)
     x, z = _scatter(small_count, generator)
@@ -140,7 +120,7 @@ def make_weekend(count: int, generator: np.random.Generator) -> SphereSet:
     is_large = np.arange(len(radii)) < len(_LARGE_MATERIALS)
     numbers = np.arange(len(radii)) - len(_LARGE_MATERIALS)
     ids = np.where(is_large, np.arange(len(radii)), len(_LARGE_MATERIALS) + numbers % _MOST_MATERIALS)
-    return SphereSet(centres[:count], radii[:count], materials, ids[:count].astype(np.int32))
+    return Spheres(centres[:count], radii[:count], name="weekend", materials=materials, material_ids=ids[:count])
 
 
 def _scatter(count: int, generator: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -192,13 +172,13 @@ _LARGE_MATERIALS = (
 )
 
 
-SPHERE_SETS: dict[str, Callable[..., SphereSet]] = {"galaxy": make_galaxy, "weekend": make_weekend}
+SPHERE_SETS: dict[str, Callable[..., Spheres]] = {"galaxy": make_galaxy, "weekend": make_weekend}
 
 # While the spheres are made: their random numbers, and twice their centres and radii.
 _BYTES_PER_SPHERE = 300
 
 
-def make_spheres(name: str, *, count: int, seed: int = 0, **options: float) -> SphereSet:
+def make_spheres(name: str, *, count: int, seed: int = 0, **options: float) -> Spheres:
     """Make procedural spheres.
 
     Parameters
@@ -221,33 +201,26 @@ def make_spheres(name: str, *, count: int, seed: int = 0, **options: float) -> S
 
     Returns
     -------
-    SphereSet
-        Centres (count, 3) float64, radii (count,) float64, materials and (count,) int32 material ids; a galaxy has no
-        materials.
+    Spheres
+        Named after the set; a galaxy has no materials.
 
     Raises
     ------
     ConfigError
         No such set or option, a value outside its range, or more spheres than fit the memory.
+    MeshError
+        The options are so large that a coordinate is not finite.
 
     Examples
     --------
     >>> from clbvh.geometry.shapes.make_spheres import make_spheres
-    >>> made = make_spheres("galaxy", count=1000, seed=4)
-    >>> made.centres.shape, made.radii.shape
-    ((1000, 3), (1000,))
+    >>> make_spheres("galaxy", count=1000, seed=4)
+    Spheres('galaxy', count=1000)
     """
-    check_options(f"set of spheres '{name}'", list_spheres_options(name), options)
+    check_options(f"set of spheres '{name}'", list_options("are no spheres", SPHERE_SETS, name), options)
     check_whole(count=(count, 1), seed=(seed, 0))
     if count > MAX_FACE_COUNT:
         raise ConfigError(f"{count:,} spheres are too many: the limit is {MAX_FACE_COUNT:,}")
     check_memory(f"{count:,} spheres", int(count) * _BYTES_PER_SPHERE, ConfigError)
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused by the spheres
         return SPHERE_SETS[name](int(count), np.random.default_rng(int(seed)), **options)
-
-
-def list_spheres_options(name: str) -> tuple[str, ...]:
-    """Return the names of a set's own options; raise `ConfigError` if there is no such set."""
-    if name not in SPHERE_SETS:
-        raise ConfigError(f"there are no spheres '{name}': take one of {', '.join(SPHERE_SETS)}")
-    return tuple(key for key in inspect.signature(SPHERE_SETS[name]).parameters if key not in ("count", "generator"))

@@ -14,7 +14,8 @@ from clbvh.geometry.shapes.make_spheres import SPHERE_SETS, make_spheres
 @pytest.mark.parametrize("count", [1, 2, 5000])
 @pytest.mark.parametrize("name", SPHERE_SETS)
 def test_the_spheres_are_sound(name, count, seed):
-    centres, radii, *_ = make_spheres(name, count=count, seed=seed)
+    made = make_spheres(name, count=count, seed=seed)
+    centres, radii = made.centres, made.radii
     assert (centres.shape, radii.shape) == ((count, 3), (count,))
     assert np.isfinite(centres).all()
     assert (radii > 0).all()
@@ -24,13 +25,13 @@ def test_the_spheres_are_sound(name, count, seed):
 @pytest.mark.parametrize("name", SPHERE_SETS)
 def test_the_same_seed_gives_the_same_bytes(name, seed):
     first, second, other = (make_spheres(name, count=500, seed=number) for number in (seed, seed, seed + 1))
-    assert first[0].tobytes() == second[0].tobytes() != other[0].tobytes()
-    assert first[1].tobytes() == second[1].tobytes()
+    assert first.centres.tobytes() == second.centres.tobytes() != other.centres.tobytes()
+    assert first.radii.tobytes() == second.radii.tobytes()
 
 
 @pytest.mark.parametrize("seed", [4])
 def test_a_galaxy_is_flat_and_dense_in_the_middle(seed):
-    centres, *_ = make_spheres("galaxy", count=20_000, seed=seed)
+    centres = make_spheres("galaxy", count=20_000, seed=seed).centres
     assert np.median(np.abs(centres[:, 1])) < 0.15 * np.median(np.abs(centres[:, 0]))
     distance = np.linalg.norm(centres, axis=1)
     assert 0.15 < (distance < 1.5).mean() < 0.5
@@ -39,7 +40,7 @@ def test_a_galaxy_is_flat_and_dense_in_the_middle(seed):
 
 @pytest.mark.parametrize("arms", [2, 3])
 def test_a_galaxy_has_arms(arms):
-    centres, *_ = make_spheres("galaxy", count=50_000, seed=1, arms=arms)
+    centres = make_spheres("galaxy", count=50_000, seed=1, arms=arms).centres
     # A ring of the disk, cut into sectors: an angular wave with one crest per arm stands out.
     distance = np.hypot(centres[:, 0], centres[:, 2])
     angles = np.arctan2(centres[:, 2], centres[:, 0])[(distance > 5.8) & (distance < 6.2)]
@@ -48,7 +49,7 @@ def test_a_galaxy_has_arms(arms):
 
 
 def test_options_change_the_size():
-    wide, narrow = (make_spheres("galaxy", count=500, radius=radius)[0] for radius in (100, 10))
+    wide, narrow = (make_spheres("galaxy", count=500, radius=radius).centres for radius in (100, 10))
     assert np.allclose(wide, 10 * narrow)
 
 
@@ -67,7 +68,7 @@ def test_spheres_of_the_weekend_touch_nothing_but_the_ground(count, seed):
 
 @pytest.mark.parametrize("count", [1, 3, 4, 5, 1004, 3000])
 def test_each_sphere_of_the_weekend_has_a_material(count):
-    made = make_spheres("weekend", count=count, seed=2)
+    made = make_spheres("weekend", count=count, seed=2).appearance
     assert made.material_ids.shape == (count,)
     assert made.material_ids.dtype == np.int32
     assert 0 <= made.material_ids.min() <= made.material_ids.max() < len(made.materials) <= 1004
