@@ -25,8 +25,8 @@ from ..errors import DeviceMemoryError, SceneError
 from ..structs import CELL_PIXELS, VIEW
 from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
-from ..trace.rays.put_rays import find_entry_points
 from ..trace.running_calls import CallMemory, MemoryLoan, RunningCalls
+from ..trace.world.starts import AT_THE_ROOT, VIEW_KERNEL, find_entry_points
 from ..trace.world.world import World
 from .built_scene import BuiltScene
 from .look_tables import LightTables, find_lights, has_cutouts, has_normal_maps, make_light_tables, make_look_tables
@@ -183,21 +183,18 @@ def _render_bands(
 # Macros of kernels for views without a cut and without lines.
 NO_PARTS = {"HAS_CUT": 0, "HAS_WIREFRAME": 0}
 
-# The arguments of rays that begin at the root.
-_AT_THE_ROOT: dict[str, Any] = {"tiles": None, "entry_points": None}
-
 
 class _ViewEntryPoints:
     """Finds the entry points of a camera's rays, which are within a margin of pixels around each pixel's centre."""
 
     def __init__(self, session: DeviceSession, world: World, tile: tuple[int, int], margin: float) -> None:
         self._world, self._tile, self._margin = world, tile, np.float32(margin)
-        self._kernel = build_kernel(session, "view_entry_points", world.defines) if world.has_entry_points else None
+        self._kernel = build_kernel(session, VIEW_KERNEL, world.defines) if world.has_entry_points else None
 
     def find(self, band: Band) -> dict[str, Any]:
         """Return the arguments of kernels that say where the rays of a band begin, by their names."""
         if self._kernel is None:
-            return _AT_THE_ROOT
+            return AT_THE_ROOT
         return find_entry_points(
             band.memory.session, self._world, self._kernel, band.take, band.size, self._tile,
             margin=self._margin, **band.rows,
@@ -364,7 +361,7 @@ class SamplePainter:
             # Cells are not the tiles of pixels for which entry points are found: their rays begin at the root.
             columns, rows = band.width + _BORDER, band.row_count + _BORDER
             cells = band.take("cells", CELL_PIXELS * columns * rows * _FILM_BYTES)
-            taken = self._take_samples(band, (columns, rows), {**arguments, **_AT_THE_ROOT, "film": cells})
+            taken = self._take_samples(band, (columns, rows), {**arguments, **AT_THE_ROOT, "film": cells})
             width, row_count = map(np.int32, size)
             band.run(shading.join_cells, size, shading.tile, cells=cells, width=width, row_count=row_count, film=film)
         else:

@@ -21,7 +21,7 @@ from ..scene.scene import Scene
 from ..structs import HIT, LAYOUT_WIDTHS, PACKED_RAY
 from ..trace.rays.batch import TreeBox, read_rays
 from ..trace.rays.pack import pack_rays
-from ..trace.rays.put_rays import ENTRY_POINT_KERNEL, find_entry_points
+from ..trace.world.starts import AT_THE_ROOT, TILE_KERNEL, find_entry_points
 from ..trace.world.world import World, open_world
 from .cameras.camera import Camera
 from .cameras.framing import frame_mesh
@@ -103,7 +103,7 @@ def tune(
 
         def casts(world: World, work_group_size: int) -> Callable[[], object]:
             kernel = build_kernel(session, "closest_hit", world.defines)
-            starts_kernel = build_kernel(session, ENTRY_POINT_KERNEL, world.defines) if world.has_entry_points else None
+            starts_kernel = build_kernel(session, TILE_KERNEL, world.defines) if world.has_entry_points else None
             work, group = (ray_count, 1), (work_group_size, 1)
             buffer = ReusableBuffer(session)
 
@@ -116,7 +116,7 @@ def tune(
                         "rays": rays, "lows": None, "low_step": np.int32(0), "ray_count": np.int32(ray_count),
                         "row_length": np.int32(ray_count),
                     }  # fmt: skip
-                    starts: dict[str, Any] = {"entry_points": None, "tiles": None}
+                    starts = AT_THE_ROOT
                     if rays is neighbours and starts_kernel is not None:
                         starts = find_entry_points(session, world, starts_kernel, take, work, group, **described)
                     session.run(kernel, work, group, **world.arguments, **described, **starts, hits=results, order=None)

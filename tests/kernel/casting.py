@@ -5,7 +5,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from clbvh.structs import HIT, LAYOUT_WIDTHS, NO_PRIM, WIDE_NODES
-from clbvh.trace.rays.put_rays import ENTRY_POINT_KERNEL, find_entry_points
+from clbvh.trace.world.starts import TILE_KERNEL, find_entry_points
 
 from ..worlds import mesh_on_device
 from .packed_rays import make_rays
@@ -106,7 +106,7 @@ class Caster:
 
     def _find_starts(self, rays, work_size):
         """The arguments that say where the rays of each tile begin."""
-        kernel = self._kernel(ENTRY_POINT_KERNEL)
+        kernel = self._kernel(TILE_KERNEL)
         return find_entry_points(
             self._session, self._world, kernel, lambda _, size: self._session.allocate(size), work_size, self._tile,
             **rays,

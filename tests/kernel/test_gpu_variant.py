@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from clbvh.trace.scene import device_scene
 
 import clbvh
 from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.trace import device_tree
-from clbvh.trace.scene import device_scene
 
 from ..rays import centred, hard_rays
 

@@ -19,8 +19,7 @@ from ...support.compiled import compiled
 from ...support.loop_functions import prefetch
 from ..launch import Call, Caster, Query, cut_smaller_when_full
 from ..rays.batch import RayBatch, check_room
-from ..rays.pieces import Progress, RayPiece
-from ..rays.put_rays import cut_batch, put_rays
+from ..rays.pieces import Progress, RayPiece, cut_batch, put_rays
 from ..world.surface_arrays import SurfaceArrays
 from .hits import AllHits
 from .refine import RefinedHits, store_hits

@@ -14,8 +14,7 @@ from ..host.walk import FIELD_COUNT, cast_on_host, walk
 from ..launch import Caster, Query, cut_smaller_when_full, device_casts_all
 from ..rays.batch import RayBatch, TreeBox, check_room, read_rays
 from ..rays.pack import ALL_GOOD, NO_LOWS, explain_bad_ray, write_packed
-from ..rays.pieces import Progress
-from ..rays.put_rays import cut_batch, put_rays
+from ..rays.pieces import Progress, cut_batch, put_rays
 from ..world.surface_arrays import SurfaceArrays
 from ..world.trees import WideArrays
 from .hits import Hits
