@@ -1,6 +1,6 @@
-"""`clbvh stats`: the parts of a mesh's tree, measures of its quality, and the time of each phase.
+"""`clbvh stats`: the parts of trees, measures of their quality, and the time of each phase.
 
-A scene of several objects has trees in two levels, which the second half of this file shows.
+A mesh has one tree. A scene has one for each geometry, and one over the instances.
 """
 
 from __future__ import annotations
@@ -16,14 +16,10 @@ from . import options
 from .tables import describe_count, describe_scene, join_facts, make_facts, make_table, make_times, print_report
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from ..bvh import Bvh
-    from ..geometry import Shape
     from ..rendering.view import View
-    from ..scene.state import SceneState
-    from ..stats import TreeStats
-    from ..support.stopwatch import Stopwatch
 
 _MIB = 1 << 20
 
@@ -54,10 +50,11 @@ def stats(
     from ..errors import ConfigError
     from ..geometry import Mesh
     from ..rendering.open_scene import open_scene
+    from ..rendering.scene_stats import measure_scene
     from ..stats import measure_tree
     from ..stats.tree_plot import check_plot_path, write_tree_plot
     from ..stats.tree_stats import OVERLAP_SAMPLE
-    from ..support.stopwatch import Stopwatch
+    from ..support.stopwatch import Stopwatch, add_total
 
     # All input is checked before any work.
     if plot is not None:
@@ -67,41 +64,44 @@ def stats(
     scene, view = open_scene(source)
     state = scene.snapshot()
     watch.lap("load")
-    mesh = state.shapes[0] if state.is_one_mesh else None
-    if not isinstance(mesh, Mesh):
-        for option, is_given in {"--exact": exact, "--rays": rays, "--plot": plot is not None}.items():
-            if is_given:
-                raise ConfigError(f"{option} measures the tree of one mesh, and {source} has several objects")
-        _show_scene_stats(state, wanted, watch, as_json=as_json)
-        return
+    mesh = state.lone_shape if isinstance(state.lone_shape, Mesh) else None
+    for option, is_given in {"--exact": exact, "--rays": rays, "--plot": plot is not None}.items():
+        if is_given and mesh is None:
+            raise ConfigError(f"{option} measures the tree of one mesh, and {source} has several objects")
 
-    made = get_tree(mesh, wanted)
+    made = [get_tree(shape, wanted) for shape in (state.shapes if mesh is None else [mesh])]
     watch.lap("build")
-    sample = None if exact else OVERLAP_SAMPLE
-    measured = measure_tree(made.bvh, traversal_cost=wanted.build.traversal_cost, overlap_sample=sample)
+    trees, cost = [each.bvh for each in made], wanted.build.traversal_cost
+    report: dict[str, Any]
+    if mesh is None:
+        report = {"scene": measure_scene(state, trees, traversal_cost=cost)}
+    else:
+        measured = measure_tree(trees[0], traversal_cost=cost, overlap_sample=None if exact else OVERLAP_SAMPLE)
+        facts = {
+            "name": mesh.name,
+            "vertices": len(mesh.vertices),
+            "triangles": mesh.face_count,
+            "degenerate_triangles": mesh.degenerate_count,
+            "size": (mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)).tolist(),
+            "centre": mesh.origin.tolist(),
+            "bytes": mesh.vertices.nbytes + mesh.local_vertices.nbytes + mesh.faces.nbytes,
+        }
+        report = {"mesh": facts, "tree": measured.as_dict()}
     watch.lap("measure")
-    costs = _measure_rays(made.bvh, view) if rays else {}
     if rays:
+        report["rays"] = _measure_rays(trees[0], view)
         watch.lap("rays")
-    build = _report_build(wanted, made.workers, watch) | {"phases_ms": dict(made.bvh.timings_ms)}
-    if plot is not None:
-        write_tree_plot(plot, measured, f"{mesh.name}, builder {wanted.builder}")
-    facts = {
-        "name": mesh.name,
-        "vertices": len(mesh.vertices),
-        "triangles": mesh.face_count,
-        "degenerate_triangles": mesh.degenerate_count,
-        "size": (mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)).tolist(),
-        "centre": mesh.origin.tolist(),
-        "bytes": mesh.vertices.nbytes + mesh.local_vertices.nbytes + mesh.faces.nbytes,
+    report["build"] = {
+        "builder": wanted.builder,
+        **asdict(wanted.build),
+        "workers": max(each.workers for each in made),
+        "timings_ms": add_total(watch.laps_ms, watch.total_ms),
+        **({} if mesh is None else {"phases_ms": dict(trees[0].timings_ms)}),
     }
-    report = {"mesh": facts, "build": build, "tree": measured.as_dict(), **({"rays": costs} if rays else {})}
-    histograms = (
-        _make_histogram(heading, counts, measured.leaf_count)
-        for heading, counts in (("triangles", measured.leaf_sizes), ("depth", measured.leaf_depths))
-    )
-    shown = make_facts(_describe_mesh(facts, build) | _describe_tree(measured) | _describe_rays(costs))
-    print_report(report, shown, *histograms, _make_times(build), as_json=as_json)
+    if plot is not None and mesh is not None:
+        write_tree_plot(plot, measured, f"{mesh.name}, builder {wanted.builder}")
+    shown = _show_scene(report) if mesh is None else _show_mesh(report)
+    print_report(report, *shown, _make_times(report["build"]), as_json=as_json)
 
 
 def _measure_rays(bvh: Bvh, view: View) -> dict[str, dict[str, float]]:
@@ -122,39 +122,37 @@ def _measure_rays(bvh: Bvh, view: View) -> dict[str, dict[str, float]]:
     }
 
 
-def _describe_mesh(mesh: dict[str, Any], build: dict[str, Any]) -> dict[str, str]:
+def _show_mesh(report: dict[str, Any]) -> Iterator[Any]:
+    """Yield the table of a mesh and its tree, and the histograms."""
+    mesh, tree, costs = report["mesh"], report["tree"], report.get("rays", {})
     degenerate = f"{mesh['degenerate_triangles']:,} degenerate" if mesh["degenerate_triangles"] else ""
-    triangles, vertices = describe_count(mesh["triangles"], "triangle"), f"{mesh['vertices']:,} vertices"
-    return {
-        "mesh": join_facts(mesh["name"], triangles, vertices, degenerate),
+    is_sampled = tree["epo_triangles"] < tree["triangle_count"]
+    yield make_facts({
+        "mesh": join_facts(
+            mesh["name"], describe_count(mesh["triangles"], "triangle"), f"{mesh['vertices']:,} vertices", degenerate
+        ),
         "size": _format_size(mesh["size"]),
         "centre": ", ".join(f"{coordinate:.9g}" for coordinate in mesh["centre"]),
-        "built by": _describe_builder(build),
-    }
-
-
-def _describe_tree(measured: TreeStats) -> dict[str, str]:
-    is_sampled = measured.epo_triangles < measured.triangle_count
-    sample = f"on a sample of {measured.epo_triangles:,} triangles" if is_sampled else ""
-    per_triangle = "bytes per triangle"
-    return {
-        "nodes": f"{measured.node_count:,}: {measured.interior_count:,} interior, {measured.leaf_count:,} leaves",
-        "depth": f"{measured.depth}; mean depth of a leaf {measured.mean_leaf_depth:.2f}",
-        "SAH cost": f"{measured.sah_cost:.3f}, with a traversal cost of {measured.traversal_cost:g}",
-        "EPO": join_facts(f"{measured.epo:.3f}", sample),
-        "on the host": f"{_format_mib(measured.host_bytes)}, {measured.host_bytes_per_triangle:.1f} {per_triangle}",
-    } | {
-        f"as {layout}": f"{_format_mib(measured.device_bytes[layout])}, {size:.1f} {per_triangle}, triangles included"
-        for layout, size in measured.device_bytes_per_triangle.items()
-    }
-
-
-def _describe_rays(costs: dict[str, dict[str, float]]) -> dict[str, str]:
-    return {
-        f"{kind} rays": f"{cost['tests']:.2f} tests: {cost['node_steps']:.2f} node steps, "
-        f"{cost['triangle_tests']:.2f} triangles; {100 * cost['hit']:.1f} % of {cost['rays']:,} hit"
-        for kind, cost in costs.items()
-    }
+        "built by": _describe_builder(report),
+        "nodes": f"{tree['node_count']:,}: {tree['interior_count']:,} interior, {tree['leaf_count']:,} leaves",
+        "depth": f"{tree['depth']}; mean depth of a leaf {tree['mean_leaf_depth']:.2f}",
+        "SAH cost": f"{tree['sah_cost']:.3f}, with a traversal cost of {tree['traversal_cost']:g}",
+        "EPO": join_facts(
+            f"{tree['epo']:.3f}", f"on a sample of {tree['epo_triangles']:,} triangles" if is_sampled else ""
+        ),
+        "on the host": _format_bytes(tree["host_bytes"], tree["triangle_count"]),
+        **{
+            f"as {layout}": f"{_format_bytes(size, tree['triangle_count'])}, triangles included"
+            for layout, size in tree["device_bytes"].items()
+        },
+        **{
+            f"{kind} rays": f"{cost['tests']:.2f} tests: {cost['node_steps']:.2f} node steps, "
+            f"{cost['triangle_tests']:.2f} triangles; {100 * cost['hit']:.1f} % of {cost['rays']:,} hit"
+            for kind, cost in costs.items()
+        },
+    })  # fmt: skip
+    yield _make_histogram("triangles", tree["leaf_sizes"], tree["leaf_count"])
+    yield _make_histogram("depth", tree["leaf_depths"], tree["leaf_count"])
 
 
 def _make_histogram(heading: str, counts: tuple[int, ...], total: int) -> Any:
@@ -166,26 +164,57 @@ def _make_histogram(heading: str, counts: tuple[int, ...], total: int) -> Any:
     bars = gather_bars(counts, _MOST_ROWS)
     highest = max(bar.count for bar in bars)
     sign = "█" if Console().encoding.startswith("utf") else "#"
-
-    def list_rows() -> Iterator[tuple[str, ...]]:
-        for bar in bars:
-            # A bar that is not empty has at least one cell.
-            cells = max(round(_BAR_CELLS * bar.count / highest), bar.count > 0)
-            yield bar.label, f"{bar.count:,}", f"{100 * bar.count / total:.1f} %", sign * cells
-
-    return make_table((heading, "leaves", "", ""), list_rows(), numbers=(heading, "leaves"))
-
-
-def _report_build(wanted: TreeOptions, workers: int, watch: Stopwatch) -> dict[str, Any]:
-    """Return the builder, its options, and the times of the phases, for JSON."""
-    from ..support.stopwatch import add_total
-
-    timings_ms = add_total(watch.laps_ms, watch.total_ms)
-    return {"builder": wanted.builder, **asdict(wanted.build), "workers": workers, "timings_ms": timings_ms}
+    rows = (
+        # A bar that is not empty has at least one cell.
+        (
+            bar.label,
+            f"{bar.count:,}",
+            f"{100 * bar.count / total:.1f} %",
+            sign * max(round(_BAR_CELLS * bar.count / highest), bar.count > 0),
+        )
+        for bar in bars
+    )
+    return make_table((heading, "leaves", "", ""), rows, numbers=(heading, "leaves"))
 
 
-def _describe_builder(build: dict[str, Any]) -> str:
-    return f"{build['builder']}, {describe_count(build['workers'], 'worker')}"
+def _show_scene(report: dict[str, Any]) -> Iterator[Any]:
+    """Yield the tables of a scene, of its geometries, and of the tree over the instances."""
+    from rich.markup import escape
+
+    scene = report["scene"]
+    top, geometries = scene["instances"], scene["geometries"]
+    largest = sorted(geometries, key=lambda geometry: -geometry["prim_count"])[:_MOST_GEOMETRIES]
+    is_cut = len(geometries) > _MOST_GEOMETRIES
+    sides = (upper - lower for lower, upper in zip(scene["lower"], scene["upper"], strict=True))
+    yield make_facts({
+        "scene": describe_scene(top["instance_count"], len(geometries), scene["prim_count"]),
+        "size": _format_size(sides),
+        "built by": _describe_builder(report),
+        **{f"as {layout}": f"{_format_mib(size)}, both levels" for layout, size in scene["device_bytes"].items()},
+        "below": f"the {_MOST_GEOMETRIES} largest geometries; --json has all of them" if is_cut else "",
+    })  # fmt: skip
+    numbers = "primitives", "instances", "nodes", "depth", "SAH cost", "as bvh2"
+    rows = (
+        (
+            escape(geometry["name"]),
+            f"{geometry['prim_count']:,} {geometry['kind']}",
+            f"{geometry['instance_count']:,}",
+            f"{geometry['node_count']:,}",
+            f"{geometry['depth']}",
+            f"{geometry['sah_cost']:.3f}",
+            f"{geometry['device_bytes']['bvh2'] / _MIB:,.2f} MiB",
+        )
+        for geometry in geometries
+        if geometry in largest
+    )
+    yield make_table(("geometry", *numbers), rows, numbers=numbers)
+    yield make_facts({
+        "instances": f"{top['instance_count']:,}, in a tree of {top['node_count']:,} nodes",
+        "depth": f"{top['depth']}",
+        "SAH cost": f"{top['sah_cost']:.3f}, where entering an instance costs 1",
+        "on the device": f"{top['device_bytes'] / _MIB:,.2f} MiB, "
+        f"{top['device_bytes_per_instance']:.1f} bytes an instance",
+    })  # fmt: skip
 
 
 def _make_times(build: dict[str, Any]) -> Any:
@@ -201,72 +230,17 @@ def _make_times(build: dict[str, Any]) -> Any:
     return make_times(rows.items())
 
 
+def _describe_builder(report: dict[str, Any]) -> str:
+    return f"{report['build']['builder']}, {describe_count(report['build']['workers'], 'worker')}"
+
+
 def _format_mib(size: int) -> str:
     return f"{size / _MIB:,.1f} MiB"
 
 
-def _format_size(sides: list[float]) -> str:
+def _format_bytes(size: int, triangle_count: int) -> str:
+    return f"{_format_mib(size)}, {size / triangle_count:.1f} bytes per triangle"
+
+
+def _format_size(sides: Iterable[float]) -> str:
     return " x ".join(f"{side:.6g}" for side in sides)
-
-
-def _show_scene_stats(state: SceneState, wanted: TreeOptions, watch: Stopwatch, *, as_json: bool) -> None:
-    """Build the trees of a scene, and print their measures; the watch has measured the load."""
-    from ..builders.tree_cache import get_tree
-    from ..rendering.scene_stats import measure_scene
-
-    workers = 1
-
-    def build_tree(shape: Shape) -> Bvh:
-        nonlocal workers
-        watch.lap("measure")
-        made = get_tree(shape, wanted)
-        watch.lap("build")
-        workers = max(workers, made.workers)
-        return made.bvh
-
-    measured = measure_scene(state, build_tree, traversal_cost=wanted.build.traversal_cost)
-    watch.lap("measure")
-    build = _report_build(wanted, workers, watch)
-    top, geometries = measured["instances"], measured["geometries"]
-    has_more = len(geometries) > _MOST_GEOMETRIES
-    facts = {
-        "scene": describe_scene(top["instance_count"], len(geometries), measured["prim_count"]),
-        "size": _format_size(
-            [upper - lower for lower, upper in zip(measured["lower"], measured["upper"], strict=True)]
-        ),
-        "built by": _describe_builder(build),
-        **{f"as {layout}": f"{_format_mib(size)}, both levels" for layout, size in measured["device_bytes"].items()},
-        "below": f"the {_MOST_GEOMETRIES} largest geometries; --json has all of them" if has_more else "",
-    }
-    of_top = {
-        "instances": f"{top['instance_count']:,}, in a tree of {top['node_count']:,} nodes",
-        "depth": f"{top['depth']}",
-        "SAH cost": f"{top['sah_cost']:.3f}, where entering an instance costs 1",
-        "on the device": f"{top['device_bytes'] / _MIB:,.2f} MiB, "
-        f"{top['device_bytes_per_instance']:.1f} bytes an instance",
-    }
-    report = {"scene": measured, "build": build}
-    tables = make_facts(facts), _make_geometry_table(geometries), make_facts(of_top), _make_times(build)
-    print_report(report, *tables, as_json=as_json)
-
-
-def _make_geometry_table(geometries: list[dict[str, Any]]) -> Any:
-    """Return one row for each geometry; in a scene of very many, for each of the largest ones."""
-    from rich.markup import escape
-
-    largest = sorted(geometries, key=lambda geometry: -geometry["prim_count"])[:_MOST_GEOMETRIES]
-    rows = (
-        (
-            escape(geometry["name"]),
-            f"{geometry['prim_count']:,} {geometry['kind']}",
-            f"{geometry['instance_count']:,}",
-            f"{geometry['node_count']:,}",
-            f"{geometry['depth']}",
-            f"{geometry['sah_cost']:.3f}",
-            f"{geometry['device_bytes']['bvh2'] / _MIB:,.2f} MiB",
-        )
-        for geometry in geometries
-        if geometry in largest
-    )
-    numbers = "primitives", "instances", "nodes", "depth", "SAH cost", "as bvh2"
-    return make_table(("geometry", *numbers), rows, numbers=numbers)

@@ -5,7 +5,7 @@ No device takes part: the boxes of the instances are those that a tracer builds 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from ..builders.build import build_top
 from ..bvh.bvh import Bvh, sah_cost
 from ..errors import SceneError
-from ..geometry import Mesh, Shape
+from ..geometry import Mesh
 from ..geometry.corners import Boxes
 from ..layouts.device_arrays import measure_device_bytes
 from ..scene.state import SceneState
@@ -22,15 +22,15 @@ from ..trace.world.surface_arrays import make_surface_arrays
 from ..trace.world.top_tree import find_boxes
 
 
-def measure_scene(state: SceneState, build_tree: Callable[[Shape], Bvh], *, traversal_cost: float) -> dict[str, Any]:
-    """Build the trees of a scene and measure them.
+def measure_scene(state: SceneState, trees: Sequence[Bvh], *, traversal_cost: float) -> dict[str, Any]:
+    """Measure the trees of a scene.
 
     Parameters
     ----------
     state : SceneState
         At least one instance.
-    build_tree : function
-        Returns the tree over a geometry's mesh or spheres.
+    trees : sequence of Bvh
+        Over the geometries.
     traversal_cost : float
         Cost of an interior node, in primitive tests.
 
@@ -46,8 +46,6 @@ def measure_scene(state: SceneState, build_tree: Callable[[Shape], Bvh], *, trav
     ------
     SceneError
         The scene is empty, or an instance is too small or too large.
-    ConfigError, MeshError, PoolError
-        See `clbvh.build`.
     """
     if state.instance_count == 0:
         raise SceneError("the scene is empty: it has no instance")
@@ -57,20 +55,18 @@ def measure_scene(state: SceneState, build_tree: Callable[[Shape], Bvh], *, trav
         return {"node_count": bvh.node_count, "depth": bvh.depth, "sah_cost": cost}
 
     placed = np.bincount(state.geometry_ids, minlength=state.geometry_count).tolist()
-    geometries = []
-    for name, shape, instance_count in zip(state.names, state.shapes, placed, strict=True):
-        bvh = build_tree(shape)
-        geometries.append(
-            {
-                "name": name,
-                "kind": "triangles" if isinstance(shape, Mesh) else "spheres",
-                "prim_count": shape.prim_count,
-                "instance_count": instance_count,
-                **describe(bvh),
-                "host_bytes": bvh.nodes.nbytes + bvh.prim_ids.nbytes,
-                "device_bytes": {layout: measure_device_bytes(bvh, layout) for layout in LAYOUT_WIDTHS},
-            }
-        )
+    geometries = [
+        {
+            "name": name,
+            "kind": "triangles" if isinstance(shape, Mesh) else "spheres",
+            "prim_count": shape.prim_count,
+            "instance_count": instance_count,
+            **describe(bvh),
+            "host_bytes": bvh.nodes.nbytes + bvh.prim_ids.nbytes,
+            "device_bytes": {layout: measure_device_bytes(bvh, layout) for layout in LAYOUT_WIDTHS},
+        }
+        for name, shape, bvh, instance_count in zip(state.names, state.shapes, trees, placed, strict=True)
+    ]
     lower, upper = find_boxes(make_surface_arrays(state.shapes, state.geometry_ids, state.transforms))
     # As a tracer and a renderer build it, whatever builds the others.
     top = build_top(Boxes.from_arrays(lower, upper, "the instances"))
