@@ -21,27 +21,34 @@ _INDENT = " " * 8
 _TIMEOUT_S = 60.0
 _LEAST_TIMEOUT_S = 1
 
-_TIMEOUT_HELP = "Time limit for each answer of a driver, at least 1."
-_CONFORMANCE_HELP = "Compare one device's answers with the stored ones, byte by byte, instead."
-_FIX_HELP = "Try the drivers that no driver file names, and register those that work, in your own folder."
-_DRY_RUN_HELP = "With --fix: say what would be written, only."
-_DEVICE_HELP = "With --conformance: a number, a part of a name, gpu or cpu."
-_MESH_HELP = "With --conformance: only this mesh; may be given several times."
-
 
 def doctor(
     *,
     as_json: options.AsJson = False,
-    timeout_s: Annotated[
-        float, Parameter(name="--timeout", metavar="SECONDS", help=_TIMEOUT_HELP, show_default=True)
-    ] = _TIMEOUT_S,
-    conformance: Annotated[bool, Parameter(help=_CONFORMANCE_HELP)] = False,
-    fix: Annotated[bool, Parameter(help=_FIX_HELP)] = False,
-    dry_run: Annotated[bool, Parameter(help=_DRY_RUN_HELP)] = False,
-    device: Annotated[str | None, Parameter(metavar="DEVICE", help=_DEVICE_HELP)] = None,
-    mesh: Annotated[list[str] | None, Parameter(metavar="NAME", help=_MESH_HELP)] = None,
+    timeout_s: Annotated[float, Parameter(name="--timeout", metavar="SECONDS", show_default=True)] = _TIMEOUT_S,
+    conformance: bool = False,
+    fix: bool = False,
+    dry_run: bool = False,
+    device: Annotated[str | None, Parameter(metavar="DEVICE")] = None,
+    mesh: Annotated[list[str] | None, Parameter(metavar="NAME")] = None,
 ) -> None:
-    """Check OpenCL from the loader to a kernel on each device; print faults and remedies."""
+    """Check OpenCL from the loader to a kernel on each device; print faults and remedies.
+
+    Parameters
+    ----------
+    timeout_s
+        Time limit for each answer of a driver, at least 1.
+    conformance
+        Compare one device's answers with the stored ones, byte by byte, instead.
+    fix
+        Try the drivers that no driver file names, and register those that work, in your own folder.
+    dry_run
+        With --fix: say what would be written, only.
+    device
+        With --conformance: a number, a part of a name, gpu or cpu.
+    mesh
+        With --conformance: only this mesh; may be given several times.
+    """
     from ..device.doctor import diagnose, register_drivers
     from ..errors import ConfigError, DeviceError
 

@@ -7,15 +7,23 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-_URL_HELP = "Download from a mirror of Stanford's repository."
-
 
 def fetch(
-    *names: Annotated[str, Parameter(name="NAME", help="bunny, dragon, drill.")],
-    show_list: Annotated[bool, Parameter(name="--list", help="List the known meshes and their paths.")] = False,
-    base_url: Annotated[str | None, Parameter(metavar="URL", help=_URL_HELP)] = None,
+    *names: Annotated[str, Parameter(name="NAME")],
+    show_list: Annotated[bool, Parameter(name="--list")] = False,
+    base_url: Annotated[str | None, Parameter(metavar="URL")] = None,
 ) -> None:
-    """Download known meshes into the cache unless they are on this machine; without a name, list them."""
+    """Download known meshes into the cache unless they are on this machine; without a name, list them.
+
+    Parameters
+    ----------
+    names
+        bunny, dragon, drill.
+    show_list
+        List the known meshes and their paths.
+    base_url
+        Download from a mirror of Stanford's repository.
+    """
     from ..geometry.fetch import KNOWN_MESHES, STANFORD, get_known_mesh
 
     if show_list or not names:

@@ -15,36 +15,38 @@ from .tables import make_table, print_report
 
 _WITHOUT = "aperture", "focus_distance", "transparent"
 
-_OUTPUT_HELP = (
-    "One file of all channels, .exr or .npz; or .png or .ppm: out.png stands for out-depth.png and so on, and out.json "
-    "with their scales and the camera. May be given several times."
-)
-_CHANNELS_HELP = (
-    "rgb, colour, alpha, depth (along the optical axis), range (from the eye), normal, normal_camera, shading_normal, "
-    "shading_normal_camera, position, instance_id, geometry_id, primitive_id, barycentric, uv, motion."
-)
-_CAMERA_HELP = "Camera: intrinsics, camera_to_world and size, as in the .json file beside PNG files."
-_NEXT_HELP = "Camera of the second pose, for motion."
-
-_CHANNELS = Parameter(metavar="A,B,...", help=_CHANNELS_HELP, show_default=",".join(DEFAULT_CHANNELS))
-_SCALE = Parameter(
-    help="Pixel values for a unit of length in PNG files, such as 1000.", show_default="a round one that fits"
-)
+_CHANNELS = Parameter(metavar="A,B,...", show_default=",".join(DEFAULT_CHANNELS))
 
 
 @options.with_options(view=options.list_view_options(without=_WITHOUT), tree=options.list_tree_options())
 def images(
     *sources: options.Sources,
-    output: Annotated[list[Path], options.OUTPUT, Parameter(help=_OUTPUT_HELP)],
+    output: Annotated[list[Path], options.OUTPUT],
     channels: Annotated[str | None, _CHANNELS] = None,
-    depth_scale: Annotated[float | None, _SCALE] = None,
-    camera_file: Annotated[Path | None, Parameter(metavar="FILE.json", help=_CAMERA_HELP)] = None,
-    next_camera_file: Annotated[Path | None, Parameter(metavar="FILE.json", help=_NEXT_HELP)] = None,
+    depth_scale: Annotated[float | None, Parameter(show_default="a round one that fits")] = None,
+    camera_file: Annotated[Path | None, Parameter(metavar="FILE.json")] = None,
+    next_camera_file: Annotated[Path | None, Parameter(metavar="FILE.json")] = None,
     view: options.Given = options.NOTHING,
     tree: options.Given = options.NOTHING,
     as_json: options.AsJson = False,
 ) -> None:
-    """Write what each pixel sees: depth, normals, positions, ids, texture coordinates, motion."""
+    """Write what each pixel sees: depth, normals, positions, ids, texture coordinates, motion.
+
+    Parameters
+    ----------
+    output
+        One file of all channels, .exr or .npz; or .png or .ppm: out.png stands for out-depth.png and so on, and
+        out.json with their scales and the camera. May be given several times.
+    channels
+        rgb, colour, alpha, depth (along the optical axis), range (from the eye), normal, normal_camera, shading_normal,
+        shading_normal_camera, position, instance_id, geometry_id, primitive_id, barycentric, uv, motion.
+    depth_scale
+        Pixel values for a unit of length in PNG files, such as 1000.
+    camera_file
+        Camera: intrinsics, camera_to_world and size, as in the .json file beside PNG files.
+    next_camera_file
+        Camera of the second pose, for motion.
+    """
     from ..errors import ConfigError
     from ..rendering.channels import check_channels, find_limits
     from ..rendering.images import FILES_SUFFIXES, check_images_path, read_camera

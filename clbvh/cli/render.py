@@ -19,25 +19,32 @@ from .tables import describe_count, describe_scene, join_facts, make_facts, make
 if TYPE_CHECKING:
     from ..rendering.picture import Picture
 
-_HITS_HELP = "Write t, u, v, prim_id, geometry_id and instance_id of every pixel, each (H, W), and the names."
-_HEATMAP_HELP = "Show the node steps of each ray instead, or its primitive tests, with a colour bar below."
-_TIME_HELP = "Take as many samples as this time allows; one at least."
-_KEEP_HELP = "On Ctrl-C, write the picture of the samples so far."
-
 
 @options.with_options(view=options.list_view_options(), tree=options.list_tree_options())
 def render(
     *sources: options.Sources,
     output: options.Outputs,
-    hits: Annotated[Path | None, Parameter(metavar="FILE.npz", help=_HITS_HELP)] = None,
-    heatmap: Annotated[str | None, Parameter(metavar="nodes|triangles", help=_HEATMAP_HELP)] = None,
-    time_limit_s: Annotated[float | None, Parameter(name="--time", metavar="SECONDS", help=_TIME_HELP)] = None,
-    keep: Annotated[bool, Parameter(help=_KEEP_HELP)] = False,
+    hits: Annotated[Path | None, Parameter(metavar="FILE.npz")] = None,
+    heatmap: Annotated[str | None, Parameter(metavar="nodes|triangles")] = None,
+    time_limit_s: Annotated[float | None, Parameter(name="--time", metavar="SECONDS")] = None,
+    keep: bool = False,
     view: options.Given = options.NOTHING,
     tree: options.Given = options.NOTHING,
     as_json: options.AsJson = False,
 ) -> None:
-    """Render meshes or a scene."""
+    """Render meshes or a scene.
+
+    Parameters
+    ----------
+    hits
+        Write t, u, v, prim_id, geometry_id and instance_id of every pixel, each (H, W), and the names.
+    heatmap
+        Show the node steps of each ray instead, or its primitive tests, with a colour bar below.
+    time_limit_s
+        Take as many samples as this time allows; one at least.
+    keep
+        On Ctrl-C, write the picture of the samples so far.
+    """
     from ..errors import ConfigError
     from ..rendering.image_files import check_has_alpha, check_hits_path, check_picture_path
     from ..rendering.renderer import render as draw

@@ -30,22 +30,29 @@ _BAR_CELLS = 40
 # Most geometries of a scene that the table shows.
 _MOST_GEOMETRIES = 40
 
-_EXACT_HELP = "Measure the end-point overlap on all triangles, not on at most 200,000."
-_PLOT_HELP = "Draw the histograms of leaf sizes and depths."
-
 
 @options.with_options(tree=options.list_tree_options(TreeOptions, without=("cache", "cache_dir")))
 def stats(
     source: options.Source,
     /,
     *,
-    exact: Annotated[bool, Parameter(help=_EXACT_HELP)] = False,
-    rays: Annotated[bool, Parameter(help="Count node steps and triangle tests per ray.")] = False,
-    plot: Annotated[Path | None, Parameter(metavar="FILE.png", help=_PLOT_HELP)] = None,
+    exact: bool = False,
+    rays: bool = False,
+    plot: Annotated[Path | None, Parameter(metavar="FILE.png")] = None,
     tree: options.Given = options.NOTHING,
     as_json: options.AsJson = False,
 ) -> None:
-    """Build a tree and measure it."""
+    """Build a tree and measure it.
+
+    Parameters
+    ----------
+    exact
+        Measure the end-point overlap on all triangles, not on at most 200,000.
+    rays
+        Count node steps and triangle tests per ray.
+    plot
+        Draw the histograms of leaf sizes and depths.
+    """
     from ..builders.tree_cache import get_tree
     from ..errors import ConfigError
     from ..geometry import Mesh

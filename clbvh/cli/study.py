@@ -12,24 +12,31 @@ from . import options
 # The remaining time is estimated from the pace of these seconds.
 _PACE_S = 600.0
 
-_OUTPUT_HELP = "Folder of the page and the samples."
-_QUICK_HELP = "Fewer and smaller cases: about four minutes on two cores."
-_PAGE_HELP = "Measure nothing: write the page again from the samples that are there."
-
 
 def study(
-    *names: Annotated[str, Parameter(name="EXPERIMENT", help="Only these experiments; see --list.")],
-    output: Annotated[
-        Path, Parameter(name=("--output", "-o"), metavar="DIR", help=_OUTPUT_HELP, show_default=True)
-    ] = Path("out/study"),
-    quick: Annotated[bool, Parameter(help=_QUICK_HELP)] = False,
-    only_page: Annotated[bool, Parameter(name="--page", help=_PAGE_HELP)] = False,
+    *names: Annotated[str, Parameter(name="EXPERIMENT")],
+    output: Annotated[Path, Parameter(name=("--output", "-o"), metavar="DIR", show_default=True)] = Path("out/study"),
+    quick: bool = False,
+    only_page: Annotated[bool, Parameter(name="--page")] = False,
     device: options.Device = None,
-    show_list: Annotated[bool, Parameter(name="--list", help="List the experiments and end.")] = False,
+    show_list: Annotated[bool, Parameter(name="--list")] = False,
 ) -> None:
     """Repeat the report's experiments on this machine, and write one page with all figures.
 
     Every sample is kept at once: after Ctrl-C the same command goes on where it was.
+
+    Parameters
+    ----------
+    names
+        Only these experiments; see --list.
+    output
+        Folder of the page and the samples.
+    quick
+        Fewer and smaller cases: about four minutes on two cores.
+    only_page
+        Measure nothing: write the page again from the samples that are there.
+    show_list
+        List the experiments and end.
     """
     if show_list:
         from ..study.registry import EXPERIMENTS

@@ -17,16 +17,20 @@ if TYPE_CHECKING:
     from ..device.settings import Settings
     from ..rendering.tune import Trial
 
-_ALL_HELP = "All devices, so that the fastest driver of a processor is taken from then on."
-
 
 def tune(
     *,
     device: options.Device = None,
-    every: Annotated[bool, Parameter(name="--all", help=_ALL_HELP)] = False,
+    every: Annotated[bool, Parameter(name="--all")] = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """Measure layouts, work-group sizes and tiles on a device, and keep the fastest for later runs."""
+    """Measure layouts, work-group sizes and tiles on a device, and keep the fastest for later runs.
+
+    Parameters
+    ----------
+    every
+        All devices, so that the fastest driver of a processor is taken from then on.
+    """
     from ..device.select import choose_device, list_devices
     from ..device.settings import keep_settings
     from ..errors import ConfigError

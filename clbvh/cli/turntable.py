@@ -15,23 +15,28 @@ from .tables import print_report
 
 _WITHOUT = (*options.POSE, "transparent")
 
-_OUTPUT_HELP = "File of the animation, .mp4 (needs imageio-ffmpeg) or .gif."
-
-_FRAMES = Parameter(help="Pictures of a full turn.", converter=options.read_whole, show_default=True)
-_FRAME_RATE = Parameter(name="--fps", help="Pictures shown in a second.", show_default=True)
-
 
 @options.with_options(view=options.list_view_options(without=_WITHOUT), tree=options.list_tree_options())
 def turntable(
     *sources: options.Sources,
-    output: Annotated[Path, options.OUTPUT, Parameter(help=_OUTPUT_HELP)],
-    frames: Annotated[int, _FRAMES] = DEFAULT_FRAMES,
-    frame_rate: Annotated[float, _FRAME_RATE] = DEFAULT_FRAME_RATE,
+    output: Annotated[Path, options.OUTPUT],
+    frames: Annotated[int, Parameter(converter=options.read_whole, show_default=True)] = DEFAULT_FRAMES,
+    frame_rate: Annotated[float, Parameter(name="--fps", show_default=True)] = DEFAULT_FRAME_RATE,
     view: options.Given = options.NOTHING,
     tree: options.Given = options.NOTHING,
     as_json: options.AsJson = False,
 ) -> None:
-    """Write an animation in which meshes or a scene turn once around."""
+    """Write an animation in which meshes or a scene turn once around.
+
+    Parameters
+    ----------
+    output
+        File of the animation, .mp4 (needs imageio-ffmpeg) or .gif.
+    frames
+        Pictures of a full turn.
+    frame_rate
+        Pictures shown in a second.
+    """
     from ..rendering.series import check_animation, check_frame_count, render_turntable
 
     # All input is checked before any work.
