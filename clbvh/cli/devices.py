@@ -6,7 +6,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from . import options
-from .tables import print_json, print_notes
+from .tables import make_table, print_json, print_notes
 
 if TYPE_CHECKING:
     from ..device.info import DeviceInfo
@@ -57,14 +57,11 @@ def _print_table(devices: tuple[DeviceInfo, ...], default: DeviceInfo | None) ->
     from rich.table import Table
 
     rows = [_describe_row(device, device == default) for device in devices]
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("", "device", "platform", "version", "driver", "memory", "units", "fp64", "layout"):
-        table.add_column(heading, justify="right" if heading in ("", "memory", "units") else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*row, style="bold" if row[0].startswith("*") else "")
+    headings = "", "device", "platform", "version", "driver", "memory", "units", "fp64", "layout"
+    table = make_table(headings, rows, numbers=("", "memory", "units"))
     console = Console(highlight=False)
     if not console.is_terminal:
-        console = Console(highlight=False, width=_PIPE_WIDTH)
+        console.width = _PIPE_WIDTH
     unlimited = console.options.update(max_width=_PIPE_WIDTH)
     if console.measure(table, options=unlimited).maximum <= console.width:
         console.print(table)

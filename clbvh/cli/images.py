@@ -15,13 +15,22 @@ from .tables import make_table, print_report
 
 _WITHOUT = "aperture", "focus_distance", "transparent"
 
-_CHANNELS = Parameter(metavar="A,B,...", show_default=",".join(DEFAULT_CHANNELS))
+# Not in the docstring of the verb, where a line would end in the middle of the help's.
+_OUTPUT_HELP = (
+    "One file of all channels, .exr or .npz; or .png or .ppm: out.png stands for out-depth.png and so on, and out.json "
+    "with their scales and the camera. May be given several times."
+)
+_CHANNELS_HELP = (
+    "rgb, colour, alpha, depth (along the optical axis), range (from the eye), normal, normal_camera, shading_normal, "
+    "shading_normal_camera, position, instance_id, geometry_id, primitive_id, barycentric, uv, motion."
+)
+_CHANNELS = Parameter(metavar="A,B,...", help=_CHANNELS_HELP, show_default=",".join(DEFAULT_CHANNELS))
 
 
 @options.with_options(view=options.list_view_options(without=_WITHOUT), tree=options.list_tree_options())
 def images(
     *sources: options.Sources,
-    output: Annotated[list[Path], options.OUTPUT],
+    output: Annotated[list[Path], options.OUTPUT, Parameter(help=_OUTPUT_HELP)],
     channels: Annotated[str | None, _CHANNELS] = None,
     depth_scale: Annotated[float | None, Parameter(show_default="a round one that fits")] = None,
     camera_file: Annotated[Path | None, Parameter(metavar="FILE.json")] = None,
@@ -34,12 +43,6 @@ def images(
 
     Parameters
     ----------
-    output
-        One file of all channels, .exr or .npz; or .png or .ppm: out.png stands for out-depth.png and so on, and
-        out.json with their scales and the camera. May be given several times.
-    channels
-        rgb, colour, alpha, depth (along the optical axis), range (from the eye), normal, normal_camera, shading_normal,
-        shading_normal_camera, position, instance_id, geometry_id, primitive_id, barycentric, uv, motion.
     depth_scale
         Pixel values for a unit of length in PNG files, such as 1000.
     camera_file

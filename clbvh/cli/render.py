@@ -52,7 +52,7 @@ def render(
     # All input is checked before any work.
     for path in output:
         check_picture_path(path)
-        if view.get("transparent") and heatmap is None:
+        if heatmap is None and path.suffix.lower() != ".png" and _is_transparent(sources, view):
             check_has_alpha(path)
     if hits is not None:
         check_hits_path(hits)
@@ -77,6 +77,17 @@ def render(
     times = (row for row in report["timings_ms"].items() if row[0] != "cache" or row[1])
     empty = () if report["hits"] else ("no ray hits anything: the picture shows the background only",)
     print_report(report, _make_facts(report), make_times(times), as_json=as_json, notes=(*picture.notes, *empty))
+
+
+def _is_transparent(sources: tuple[str, ...], view: options.Given) -> bool:
+    """Return whether the options, or else the scene file, leave the background out."""
+    from ..rendering.open_scene import find_scene_file
+
+    if "transparent" in view or len(sources) > 1 or (file := find_scene_file(sources[0])) is None:
+        return view.get("transparent", False)
+    from ..rendering.scene_file import parse_scene_file
+
+    return parse_scene_file(file).view.transparent
 
 
 def _write(picture: Picture, output: list[Path], hits: Path | None, heatmap: str | None) -> float:

@@ -72,14 +72,17 @@ def make_facts(facts: Mapping[str, str]) -> Any:
 
 
 def make_table(headings: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequence[str] = ()) -> Any:
-    """Return a table; the columns of some headings have numbers, which stand to the right. The total is bold."""
+    """Return a table; the columns of some headings have numbers, which stand to the right.
+
+    The row of the total is bold, and one that begins with a star.
+    """
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     for heading in headings:
         table.add_column(heading, justify="right" if heading in numbers else "left")
     for row in rows:
-        table.add_row(*row, style="bold" if row[0] == "total" else "")
+        table.add_row(*row, style="bold" if row[0] == "total" or row[0].startswith("*") else "")
     return table
 
 

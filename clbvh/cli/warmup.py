@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from . import options
 from .tables import make_table, print_report
-
-if TYPE_CHECKING:
-    from ..device.info import DeviceInfo
-
-_ALL = "all"
 
 
 def warmup(
@@ -24,10 +19,15 @@ def warmup(
     """Compile functions and kernels ahead, by doing each kind of work once; for container images, too."""
     from rich.console import Console
 
+    from ..device.select import choose_device, list_devices
     from ..support.say_once import say_compiling
     from ..warmup import list_work
 
-    devices = _choose_devices(device)
+    if (device or "").strip().lower() == "all":
+        # Without any device, the choice of one says so.
+        devices = [info for info in list_devices() if info.is_available] or [choose_device()]
+    else:
+        devices = [choose_device(device)]
     say_compiling("compiling for this machine what is not compiled yet: minutes on a new one")
     steps: list[dict[str, Any]] = []
     with Console(stderr=True).status("") as status:
@@ -42,15 +42,3 @@ def warmup(
     rows = [(step["what"], f"{step['ms']:,.1f}", step["device"]) for step in steps]
     table = make_table(("work", "ms", "device"), [*rows, ("total", f"{total_ms:,.1f}", "")], numbers=["ms"])
     print_report(report, table, as_json=as_json)
-
-
-def _choose_devices(device: str | None) -> list[DeviceInfo]:
-    from ..device.select import choose_device, list_devices
-    from ..errors import DeviceError
-
-    if device is None or device.strip().lower() != _ALL:
-        return [choose_device(device)]
-    devices = [info for info in list_devices() if info.is_available]
-    if not devices:
-        raise DeviceError("no OpenCL device was found: run `clbvh doctor` to find the cause")
-    return devices

@@ -77,11 +77,10 @@ def open_scene(source: str | os.PathLike[str]) -> tuple[Scene, View]:
         text = os.fspath(source)
     except TypeError as error:
         raise SceneError(f"a scene is opened by the name or path of one, not {source!r}") from error
-    shipped = _find_shipped(text)
-    if text.endswith(SCENE_SUFFIX) or shipped is not None:
+    if (file := find_scene_file(text)) is not None:
         from .scene_file import read_scene_file  # most pictures are of mesh files
 
-        return read_scene_file(shipped or Path(text))
+        return read_scene_file(file)
     if begins_with_member(text, SAVED_SCENE):
         from ..scene.serialize import read_scene
         from .scene_file import view_of_plain
@@ -103,14 +102,16 @@ def _open_mesh_files(paths: list[str]) -> tuple[Scene, View]:
         return open_scene(paths[0])
     scene = Scene()
     for path in paths:
-        if Path(path).suffix.lower() == SCENE_SUFFIX or _find_shipped(os.fspath(path)):
+        if Path(path).suffix.lower() == SCENE_SUFFIX or find_scene_file(os.fspath(path)):
             raise SceneError(f"{path}: several files make a scene if all of them are meshes: draw a scene file alone")
         scene.add_parts(Scene(path))
     return scene, View()
 
 
-def _find_shipped(name: str) -> Path | None:
-    """Return the file of a shipped scene; None if this is the name of a file, or of no scene."""
+def find_scene_file(name: str) -> Path | None:
+    """Return the scene file of this path, or of a shipped scene of this name; None for anything else."""
+    if name.endswith(SCENE_SUFFIX):
+        return Path(name)
     shipped = find_folder("scenes") / f"{name}{SCENE_SUFFIX}"
     is_name = Path(name).name == name and not Path(name).exists()
     return shipped if is_name and shipped.is_file() else None

@@ -60,10 +60,14 @@ def test_a_transparent_png_has_alpha(scene, tmp_path):
 
 def test_a_transparent_ppm_is_refused_before_any_work(scene, tmp_path, monkeypatch):
     fail = lambda *_, **__: pytest.fail("no work before the check")  # noqa: E731
-    monkeypatch.setattr("clbvh.rendering.renderer.render", fail)
-    answer = run_clbvh("render", scene, "-o", tmp_path / "a.ppm", *SIZE, "--samples", 1, "--transparent")
-    refuses(answer, 2, ".png")
-    assert not (tmp_path / "a.ppm").exists()
+    words = ("render", scene, "-o", tmp_path / "a.ppm", *SIZE, "--samples", 1)
+    with monkeypatch.context() as patch:
+        patch.setattr("clbvh.rendering.renderer.render", fail)
+        refuses(run_clbvh(*words, "--transparent"), 2, ".png")
+        scene.write_text(f"{scene.read_text()}\n[view]\ntransparent = true\n")
+        refuses(run_clbvh(*words), 2, ".png")
+        assert not (tmp_path / "a.ppm").exists()
+    assert run_clbvh(*words, "--no-transparent").returncode == 0
 
 
 def test_a_terminal_shows_the_progress(scene, tmp_path):
