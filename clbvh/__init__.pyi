@@ -61,7 +61,7 @@ from .scene.transforms import Transform as Transform
 from .stats import TreeStats as TreeStats, measure_tree as measure_tree
 from .support.folders import __version__ as __version__
 from .trace.hits.hits import AllHits as AllHits, Hits as Hits
-from .trace.hits.surface import Normals as Normals
+from .trace.hits.normals import Normals as Normals
 from .trace.points.refine import ClosestPoints as ClosestPoints
 from .trace.rays.pieces import Progress as Progress
 from .trace.tracer import Traceable as Traceable, Tracer as Tracer

@@ -19,7 +19,6 @@ from ..scene.scene import Scene
 from ..scene.transforms import check_transform
 from ..trace.hits.hits import Hits
 from ..trace.hits.interpolate import group_by_geometry
-from ..trace.hits.locations import turn_normals
 from ..trace.hits.surface import Surface
 from ..trace.world.surface_arrays import SurfacePoints
 from .cameras.camera import Camera
@@ -184,9 +183,6 @@ CHANNELS = {
 }
 
 
-# Hits at a time: their vectors stay in the cache.
-_CHUNK_HITS = 1 << 14
-
 # The sum of unit vectors is no direction if its square is smaller: they cancel each other.
 _LEAST_SQUARE = 2.0**-40
 
@@ -212,8 +208,8 @@ def find_shading_normals(hits: Hits, shapes: Sequence[Shape], crease_angle: floa
         squares = np.einsum("ij,ij->i", blended, blended)
         is_direction = squares > _LEAST_SQUARE
         blended /= np.sqrt(np.where(is_direction, squares, 1.0))[:, None]
-        if hits.surface is not None:
-            blended = turn_normals(hits.surface.arrays, instances[rows], blended)
+        assert hits.surface is not None  # or they would have no normals
+        blended = hits.surface.turn_normals(instances[rows], blended)
         # To the side of the face, on which the ray came: files do not always agree with the order of corners.
         sides = np.einsum("ij,ij->i", blended, normals[rows])
         is_kept = is_direction & (sides != 0) & np.isfinite(sides)
@@ -226,15 +222,13 @@ def _blend_corners(
 ) -> Iterator[tuple[NDArray[np.integer], NDArray[np.float64]]]:
     """Yield rows of hits on meshes, and the values, (n, k), of the corners of their faces, (F, 3, k), interpolated."""
     prims, us, vs = (np.asarray(values).reshape(-1) for values in (hits.prim_id, hits.u, hits.v))
-    for geometry, of_geometry in group_by_geometry(np.asarray(hits.geometry_id).reshape(-1)):
+    for geometry, rows in group_by_geometry(np.asarray(hits.geometry_id).reshape(-1)):
         shape = shapes[geometry]
         corners = find_corners(shape) if isinstance(shape, Mesh) else None
         if corners is None:
             continue
-        for begin in range(0, len(of_geometry), _CHUNK_HITS):
-            rows = of_geometry[begin : begin + _CHUNK_HITS]
-            a, b, c = corners[prims[rows]].astype(np.float64).transpose(1, 0, 2)
-            yield rows, a + ((b - a) * us[rows, None] + (c - a) * vs[rows, None])
+        a, b, c = corners[prims[rows]].astype(np.float64).transpose(1, 0, 2)
+        yield rows, a + ((b - a) * us[rows, None] + (c - a) * vs[rows, None])
 
 
 def _find_corner_normals(mesh: Mesh, crease_angle: float) -> NDArray[np.float32]:

@@ -156,7 +156,7 @@ def write_hits(path: Path, hits: Hits, geometry_names: Sequence[str], instance_n
         "geometry_names": np.array(geometry_names, np.str_),
         "instance_names": np.array(instance_names, np.str_),
     }
-    shapes = (hits.mesh,) if hits.surface is None else hits.surface.shapes
+    shapes = hits.surface.shapes if hits.surface else ()
     parts = [shape.parts if isinstance(shape, Mesh) else () for shape in shapes]
     if any(parts):
         part_id, first_parts = hits.part_id, np.cumsum([0, *map(len, parts)], dtype=np.int32)

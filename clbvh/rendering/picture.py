@@ -221,7 +221,7 @@ def refine_pixels(surface: Surface, camera: Camera, found: NDArray[np.void], cut
         Each (height, width); the rays are those of `Camera.rays`.
     """
     height, width = found.shape
-    refined = RefinedHits.make(height * width, has_instances=not surface.arrays.is_lone)
+    refined = RefinedHits.make(height * width, is_lone=surface.arrays.is_lone)
     row_count = max(1, _CHUNK_PIXELS // width)
     with HostThreads() as threads:
         for first_row in range(0, height, row_count):

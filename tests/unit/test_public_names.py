@@ -15,8 +15,8 @@ import clbvh.errors
 # Words of annotations that are Python's, typing's or numpy's.
 _OTHERS = {"None", "Any", "Self", "Callable", "Mapping", "Sequence", "Iterable", "ArrayLike", "NDArray", "PathLike"}
 _OTHERS |= {"BaseException", "TracebackType", "Literal", "ClassVar", "Path"}
-# Anything with a graph as a `trimesh.Scene` has one, and what a picture shows, for the package itself.
-_OTHERS |= {"HasGraph", "World"}
+# Anything with a graph as a `trimesh.Scene` has one, and what hits and a picture show, for the package itself.
+_OTHERS |= {"HasGraph", "Surface", "World"}
 # Parts of a build, public among the modules of clbvh only.
 _PARTS = {"SubtreePool.attach", "SubtreePool.hold"}
 

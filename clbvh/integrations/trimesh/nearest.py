@@ -20,7 +20,6 @@ from ...structs import NO_PRIM, NODE_LANES, NODE_MAX
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from ...trace.points.refine import ClosestPoints, closest_on_triangle
-from ...trace.world.surface_arrays import triangles_of
 
 # Squared distances are equal when they differ by less than this share: a thousand roundings of float64.
 _ROUNDING = 2.0**-42
@@ -58,11 +57,12 @@ def choose_facing(
     Candidates are the faces that share a vertex with the face that was found. A nearer one replaces it, too, because
     the device chooses in float32. Of equally direct ones, the smallest number wins.
     """
+    triangles = mesh.vertices, mesh.faces, mesh.scale
 
     def choose(begin: int, end: int) -> None:
         distance, point, prim_id = closest
         part = ClosestPoints(distance[begin:end], point[begin:end], prim_id[begin:end])
-        _choose(points[begin:end], triangles_of(mesh), mesh.origin, around, tolerance, part)
+        _choose(points[begin:end], triangles, mesh.origin, around, tolerance, part)
 
     with HostThreads() as threads:
         threads.for_ranges(len(points), choose)
@@ -70,7 +70,7 @@ def choose_facing(
 
 @compiled(error_model="numpy")
 def _choose(points, triangles, centre, around, tolerance, closest):
-    scale = triangles.scale
+    vertices, faces, scale = triangles
     a, b, c, weights = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for index in range(len(points)):
         own, point = closest.prim_id[index], points[index]
@@ -85,7 +85,7 @@ def _choose(points, triangles, centre, around, tolerance, closest):
         equal = max(min(tolerance * scale * scale, least * _LARGEST_SHARE), least * _ROUNDING)
         best, facing = own, _facing(a, b, c, weights, least)
         for corner in range(3):
-            point_id = around.point_ids[triangles.faces[own, corner]]
+            point_id = around.point_ids[faces[own, corner]]
             for slot in range(around.begin[point_id], around.begin[point_id + 1]):
                 face = around.faces[slot]
                 if face == own:
@@ -102,20 +102,21 @@ def _choose(points, triangles, centre, around, tolerance, closest):
             continue
         squared = _see(point, triangles, best, a, b, c, weights)
         closest.prim_id[index], closest.distance[index] = best, np.sqrt(squared) / scale
-        first, second, third = triangles.faces[best, 0], triangles.faces[best, 1], triangles.faces[best, 2]
+        first, second, third = faces[best, 0], faces[best, 1], faces[best, 2]
         for axis in range(3):
-            origin = triangles.vertices[first, axis]
-            to_second, to_third = triangles.vertices[second, axis] - origin, triangles.vertices[third, axis] - origin
+            origin = vertices[first, axis]
+            to_second, to_third = vertices[second, axis] - origin, vertices[third, axis] - origin
             closest.point[index, axis] = origin + (weights[1] * to_second + weights[2] * to_third)
 
 
 @compiled(error_model="numpy")
 def _see(point, triangles, face, a, b, c, weights):
     """Write the corners as seen from a point, and the closest point's weights; return its squared distance, scaled."""
+    vertices, faces, scale = triangles
     for axis in range(3):
-        a[axis] = (triangles.vertices[triangles.faces[face, 0], axis] - point[axis]) * triangles.scale
-        b[axis] = (triangles.vertices[triangles.faces[face, 1], axis] - point[axis]) * triangles.scale
-        c[axis] = (triangles.vertices[triangles.faces[face, 2], axis] - point[axis]) * triangles.scale
+        a[axis] = (vertices[faces[face, 0], axis] - point[axis]) * scale
+        b[axis] = (vertices[faces[face, 1], axis] - point[axis]) * scale
+        c[axis] = (vertices[faces[face, 2], axis] - point[axis]) * scale
     return closest_on_triangle(a, b, c, weights)
 
 
@@ -158,10 +159,10 @@ def find_nearest_vertices(bvh: Bvh, points: NDArray[np.float64]) -> tuple[NDArra
     points = np.ascontiguousarray(points, np.float64)
     loose = mesh.loose_vertices
     tree = nodes.view(np.float32).reshape(-1, NODE_LANES), nodes["first"], nodes["count"], bvh.prim_ids
-    vertex_id = np.empty(len(points), np.int64)
+    triangles, vertex_id = (mesh.vertices, mesh.faces, mesh.scale), np.empty(len(points), np.int64)
 
     def find(begin: int, end: int) -> None:
-        _find(points[begin:end], mesh.origin, triangles_of(mesh), tree, bvh.depth, loose, vertex_id[begin:end])
+        _find(points[begin:end], mesh.origin, triangles, tree, bvh.depth, loose, vertex_id[begin:end])
 
     with HostThreads() as threads:
         threads.for_ranges(len(points), find)
@@ -172,7 +173,7 @@ def find_nearest_vertices(bvh: Bvh, points: NDArray[np.float64]) -> tuple[NDArra
 
 @compiled(error_model="numpy")
 def _find(points, centre, triangles, tree, depth, loose, vertex_id):
-    vertices, faces, scale = triangles.vertices, triangles.faces, triangles.scale
+    vertices, faces, scale = triangles
     boxes, first, count, prim_ids = tree
     local = np.empty(3)
     # A descent leaves one sibling behind at each level.

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...structs import HIT_PRIM_ID, NO_PRIM, WORLD_HIT_INSTANCE_ID
+from ...structs import HIT_PRIM_ID, NO_PRIM
 from ...support.compiled import compiled
 from ...support.loop_functions import prefetch
 from ..launch import Call, Caster, Query, cut_smaller_when_full
@@ -22,8 +22,7 @@ from ..rays.batch import RayBatch, check_room
 from ..rays.pieces import Progress, RayPiece, cut_batch, put_rays
 from ..world.surface_arrays import SurfaceArrays
 from .hits import AllHits
-from .refine import RefinedHits, store_hits
-from .refine_block import BLOCK_HITS, PREFETCH_HITS, RefineBlock, locate, refine_block
+from .refine import BLOCK_HITS, PREFETCH_HITS, RefineBlock, RefinedHits, locate, refine_block
 
 FIRST_HITS = Query("first_hits", "hits")
 
@@ -223,7 +222,7 @@ def find_all_hits(
     offsets = running_sums(crossings.counts)
     total = int(offsets[-1])
     world = caster.world
-    refined = RefinedHits.make(total, has_instances=not world.is_lone)
+    refined = RefinedHits.make(total, is_lone=world.is_lone)
     locations = np.empty((total, 3)) if with_locations else None
 
     def refine(begin: int, end: int) -> None:
@@ -232,12 +231,13 @@ def find_all_hits(
     # Ranges of rays with about equally many crossings.
     begins = np.searchsorted(offsets, [begin for begin, _ in caster.threads.ranges(total)]).tolist()
     caster.threads.run(refine, list(itertools.pairwise([0, *begins[1:], batch.ray_count])))
-    return AllHits._of(refined.as_hits((total,), world.surface), offsets, locations)
+    hits = refined.as_hits((total,), world.surface)
+    return AllHits(**vars(hits), offsets=offsets, known_locations=locations)
 
 
 def _refine_rays(
     batch: RayBatch,
-    surface: SurfaceArrays,
+    arrays: SurfaceArrays,
     crossings: Crossings,
     begin: int,
     end: int,
@@ -257,20 +257,19 @@ def _refine_rays(
         last = min(first + _MOST_RAYS, end)
         # Counts and sources of these rays alone: their indices agree with the part's.
         of_part = crossings._replace(counts=crossings.counts[first:last], sources=crossings.sources[first:last])
-        slot = _refine(batch.part(first, last), surface, of_part, found_ints, block, slot, hits, locations)
+        slot = _refine(batch.part(first, last), arrays, of_part, found_ints, block, slot, hits, locations)
     counts = crossings.counts[begin:end]
-    if surface.is_lone:
+    if arrays.is_lone:
         _keep_order(counts, first_slot, hits.t)
     else:
         _sort_by_t(counts, first_slot, hits, locations)
 
 
 @compiled(error_model="numpy")
-def _refine(rays, surface, crossings, found_ints, block, slot, hits, locations):
+def _refine(rays, arrays, crossings, found_ints, block, slot, hits, locations):
     """Write the hits of rays from a slot on, and return the slot behind them."""
     counts, sources, segment_begins = crossings.counts, crossings.sources, crossings.segment_begins
-    found, prim_id, instance_id = crossings.found, hits.prim_id, hits.instance_id
-    ray, depth = 0, 0
+    found, ray, depth = crossings.found, 0, 0
     while ray < len(counts):
         # List the next hits, and where they go.
         count = 0
@@ -286,15 +285,9 @@ def _refine(rays, surface, crossings, found_ints, block, slot, hits, locations):
             slot += 1
             depth += 1
             count += 1
-        for hit in range(count):
-            prim_id[block.targets[hit]] = found_ints[block.sources[hit], HIT_PRIM_ID]
-        if len(instance_id) > 0:
-            for hit in range(count):
-                instance_id[block.targets[hit]] = found_ints[block.sources[hit], WORLD_HIT_INSTANCE_ID]
-        refine_block(rays, surface, found_ints, block, count)
-        store_hits(rays.t_min, rays.t_max, block, count, hits)
+        refine_block(rays, arrays, found_ints, block, count, hits)
         if locations is not None:
-            locate(surface, found_ints, block, count, locations)
+            locate(arrays, found_ints, block, count, locations)
     return slot
 
 

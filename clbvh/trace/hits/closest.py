@@ -18,8 +18,7 @@ from ..rays.pieces import Progress, cut_batch, put_rays
 from ..world.surface_arrays import SurfaceArrays
 from ..world.trees import WideArrays
 from .hits import Hits
-from .refine import RefinedHits, refine_closest, refine_found
-from .refine_block import RefineBlock
+from .refine import RefineBlock, RefinedHits, refine_closest, refine_found
 
 Shape = tuple[int, ...]
 
@@ -40,7 +39,7 @@ def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: P
     """Return the closest hit of each ray in float64; see `Tracer.closest_hit`."""
     count, world = batch.ray_count, caster.world
     check_room(count, _HIT_BYTES)
-    refined = RefinedHits.make(count, has_instances=not world.is_lone)
+    refined = RefinedHits.make(count, is_lone=world.is_lone)
     with caster.open_call() as call:
         if (tree := call.on_host(count)) is not None:
             call.run_on_host(_find_closest_on_host, tree, world.box, batch, world.arrays, refined)

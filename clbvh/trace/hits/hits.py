@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ConfigError, QueryError
-from ...geometry import Mesh, Shape
+from ...geometry import Mesh
 from ...structs import NO_PRIM
 from ..rays.batch import broadcast_shape, check_room, read_vectors
 from ..world.surface_arrays import SurfacePoints
 from .interpolate import interpolate
-from .surface import Normals, Surface, find_parts
+from .normals import Normals
+from .surface import Surface
 
 # A start point, and one on each side of the triangle.
 _POINT_BYTES = 3 * 24
@@ -42,11 +42,11 @@ class Hits:
     prim_id : (...,) int32
         Face of the mesh, or sphere, by its number in its geometry; -1 on a miss.
     mesh : Mesh or None
-        The mesh that was hit; None for hits in a scene of several instances.
+        The mesh that was hit; None in a scene of spheres, of several instances, or of one that has a transform.
     is_front : (...,) bool or None
         Whether the ray came from the side to which `normals` point; false on a miss. None where it is not known.
     surface : Surface or None
-        The instances of the scene that was hit; None for hits of a mesh.
+        What was hit, a mesh or the instances of a scene; None where it is not known.
     known_instance_id : (...,) int32 or None
         `instance_id`, if it was computed along with the hits; None if all are on the first instance.
 
@@ -91,6 +91,13 @@ class Hits:
     surface: Surface | None = field(default=None, kw_only=True)
     known_instance_id: NDArray[np.int32] | None = field(default=None, kw_only=True)
 
+    def __post_init__(self) -> None:
+        # Each follows from the other one.
+        if self.surface is not None:
+            object.__setattr__(self, "mesh", self.surface.lone_mesh)
+        elif self.mesh is not None:
+            object.__setattr__(self, "surface", Surface.of_mesh(self.mesh))
+
     @property
     def shape(self) -> tuple[int, ...]:
         """Leading shape of the rays."""
@@ -116,7 +123,7 @@ class Hits:
     @property
     def geometry_id(self) -> NDArray[np.int32]:
         """(...,) int32: the geometry that was hit; 0 for every hit of a mesh, -1 on a miss."""
-        return self.instance_id if self.surface is None else self.surface.geometry_ids(self._points())
+        return self.instance_id if self.surface is None else self.surface.geometry_ids(self.instance_id)
 
     @property
     def part_id(self) -> NDArray[np.int32]:
@@ -142,7 +149,7 @@ class Hits:
         >>> square.parts[hits.part_id[0]].name
         'upper'
         """
-        return find_parts(self._known_shapes(), self.prim_id, self.geometry_id)
+        return self._known_surface().part_ids(self._points())
 
     @property
     def locations(self) -> NDArray[np.float64]:
@@ -216,9 +223,8 @@ class Hits:
         >>> hits[0].interpolate([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
         array([0.25, 0.25, 0.5 ])
         """
-        shapes = self._known_shapes()
-        names = [shape.name for shape in shapes] if self.surface is None else self.surface.names
-        return interpolate(shapes, names, attribute, self.prim_id, self.geometry_id, self.u, self.v)
+        surface = self._known_surface()
+        return interpolate(surface.shapes, surface.names, attribute, self._points(), self.geometry_id)
 
     def offset_origins(self, *, towards: ArrayLike | None = None) -> NDArray[np.float64]:
         """Return start points for rays that leave the surface: just above it, where they cannot meet it by rounding.
@@ -313,13 +319,11 @@ class Hits:
         return (self[index] for index in range(len(self)))
 
     def _map(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Hits:
-        is_front = None if self.is_front is None else change(self.is_front)
-        instance_id = None if self.known_instance_id is None else change(self.known_instance_id)
         t, u, v, prim_id = (change(values) for values in (self.t, self.u, self.v, self.prim_id))
-        return Hits(
-            t, u, v, prim_id, self.mesh,
-            is_front=is_front, surface=self.surface, known_instance_id=instance_id,
-        )  # fmt: skip
+        is_front, instance_id = (
+            None if values is None else change(values) for values in (self.is_front, self.known_instance_id)
+        )
+        return Hits(t, u, v, prim_id, is_front=is_front, surface=self.surface, known_instance_id=instance_id)
 
     def _refuse_wrong(self, directions: NDArray[Any], shape: tuple[int, ...]) -> None:
         """Raise `QueryError` for the first direction that leads nowhere, and that is the direction of a hit."""
@@ -332,17 +336,9 @@ class Hits:
             raise QueryError(f"towards must be finite directions of length above 0, not {wrong}{place}")
 
     def _known_surface(self) -> Surface:
-        if self.mesh is None and self.surface is not None:
-            return self.surface
-        return Surface.of_mesh(self._known_mesh())
-
-    def _known_shapes(self) -> Sequence[Shape]:
-        return (self._known_mesh(),) if self.surface is None else self.surface.shapes
-
-    def _known_mesh(self) -> Mesh:
-        if self.mesh is None:
+        if self.surface is None:
             raise ConfigError("these hits do not know their mesh: make them with Hits(..., mesh=...)")
-        return self.mesh
+        return self.surface
 
     def _find_normals(self, normals: NDArray[np.float64], smooth: bool, facing: bool) -> NDArray[np.float64]:
         """Return the answer of `Normals.__call__`."""
@@ -393,12 +389,6 @@ class AllHits(Hits):
     offsets: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64), kw_only=True)
 
     known_locations: NDArray[np.float64] | None = field(default=None, kw_only=True)
-
-    @classmethod
-    def _of(cls, hits: Hits, offsets: NDArray[np.int64], locations: NDArray[np.float64] | None = None) -> AllHits:
-        """Return hits with the ranges of each ray's, and their locations if they are known."""
-        values = {name.name: getattr(hits, name.name) for name in dataclasses.fields(Hits)}
-        return cls(**values, offsets=offsets, known_locations=locations)
 
     @property
     def locations(self) -> NDArray[np.float64]:

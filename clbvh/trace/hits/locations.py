@@ -1,18 +1,16 @@
-"""Locations and normals of hits in float64, by primitive and coordinates."""
+"""Locations and normals of hits in float64, by primitive and coordinates, for compiled loops.
+
+A location is computed in the object and then placed, so a shared edge of two triangles is one line in the world, too.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
-from ...support.host_threads import HostThreads
 from ...support.loop_functions import cross, dot, subtract
-from ..world.surface_arrays import SurfaceArrays, SurfacePoints, place_point
+from ..world.surface_arrays import place_point
 from .spheres import sphere_point
 
 _SPHERES = PRIM_KINDS["spheres"]
@@ -20,9 +18,6 @@ _SPHERES = PRIM_KINDS["spheres"]
 # A normal is not used if the corners of its triangle differ by more than this in height, in local units: sixteen
 # roundings of float32.
 _MOST_TILT = 2.0**-20
-
-# To ask for threads would take longer than fewer points.
-_FEW_POINTS = 1 << 10
 
 
 @compiled(error_model="numpy")
@@ -78,67 +73,9 @@ def _find_across(a, b, c):
     return x / length, y / length, z / length
 
 
-def find_locations(arrays: SurfaceArrays, points: SurfacePoints) -> NDArray[np.float64]:
-    """Return (..., 3) float64, world units: where the primitives are hit; NaN without one.
-
-    On a triangle ``a + (u (b - a) + v (c - a))``. The point is computed in the object and then placed, so a shared edge
-    of two triangles is one line in the world, too.
-    """
-    return for_points(_locate, arrays, points)
-
-
-def find_normals(arrays: SurfaceArrays, points: SurfacePoints) -> NDArray[np.float64]:
-    """Return (..., 3) float64: unit normals in the world, on the object's outer side; NaN without a primitive.
-
-    The outer side of a triangle is the one from which its corners run anticlockwise in the object, and that of a sphere
-    is its outside. A mirror takes it along. A triangle so thin that float64 does not know its normal has one across its
-    longest edge, and one whose corners are one point has NaN.
-    """
-    return for_points(_make_normals, arrays, points)
-
-
-def turn_normals(
-    arrays: SurfaceArrays, instance_id: NDArray[np.int32], object_normals: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return (n, 3) float64: unit normals in the world of (n, 3) vectors normal to surfaces of objects.
-
-    Parameters
-    ----------
-    arrays : SurfaceArrays
-    instance_id : (n,) int32
-        None is -1.
-    object_normals : (n, 3) float64
-        Of about length 1.
-    """
-    normals = np.empty(object_normals.shape)
-    _turn_normals(arrays, np.ascontiguousarray(instance_id), object_normals, normals)
-    return normals
-
-
-def for_points(
-    compute: Callable[..., None], arrays: SurfaceArrays, points: SurfacePoints, *more: NDArray[Any]
-) -> NDArray[np.float64]:
-    """Return (..., 3) float64: the vectors that a compiled function writes for points, given more arrays of theirs."""
-    vectors = np.empty((*points.prim_id.shape, 3))
-    flat = vectors.reshape(-1, 3)
-    ids = (np.ascontiguousarray(values, np.int32).reshape(-1) for values in (points.prim_id, points.instance_id))
-    coordinates = (np.ascontiguousarray(values, np.float64).reshape(-1) for values in (points.u, points.v))
-    others = (np.ascontiguousarray(values).reshape(len(flat), *values.shape[points.prim_id.ndim :]) for values in more)
-    inputs: list[NDArray[Any]] = [*ids, *coordinates, *others]
-
-    def compute_part(begin: int, end: int) -> None:
-        compute(arrays, *(values[begin:end] for values in inputs), flat[begin:end])
-
-    if len(flat) < _FEW_POINTS:
-        compute_part(0, len(flat))
-        return vectors
-    with HostThreads() as threads:
-        threads.for_ranges(len(flat), compute_part)
-    return vectors
-
-
 @compiled
-def _locate(arrays, prim_ids, instance_ids, us, vs, locations):
+def locate_points(arrays, prim_ids, instance_ids, us, vs, locations):
+    """Write where primitives are hit, in world coordinates; NaN without one."""
     for hit in range(len(prim_ids)):
         if prim_ids[hit] == NO_PRIM:
             locations[hit, 0] = locations[hit, 1] = locations[hit, 2] = np.nan
@@ -182,7 +119,8 @@ def find_corners(arrays, geometry, prim):
 
 
 @compiled
-def _make_normals(arrays, prim_ids, instance_ids, us, vs, normals):
+def make_normals(arrays, prim_ids, instance_ids, us, vs, normals):
+    """Write unit normals in the world, on the object's outer side; NaN without a primitive."""
     for hit in range(len(prim_ids)):
         prim, instance = prim_ids[hit], instance_ids[hit]
         if prim == NO_PRIM:
@@ -199,7 +137,8 @@ def _make_normals(arrays, prim_ids, instance_ids, us, vs, normals):
 
 
 @compiled
-def _turn_normals(arrays, instance_ids, object_normals, normals):
+def turn_normals(arrays, instance_ids, object_normals, normals):
+    """Write unit normals in the world of vectors that are normal in objects; NaN without an instance."""
     for hit in range(len(instance_ids)):
         normal = object_normals[hit, 0], object_normals[hit, 1], object_normals[hit, 2]
         turned = (np.nan, np.nan, np.nan)

@@ -10,15 +10,12 @@ coordinates.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
-from ..world.surface_arrays import SurfaceArrays, SurfacePoints, place_vector, to_object
-from .locations import find_corners, for_points, make_normal, turn_normal
+from ..world.surface_arrays import place_vector, to_object
+from .locations import find_corners, make_normal, turn_normal
 from .spheres import sphere_point
 
 # Unit roundoffs of float32 and float64.
@@ -27,22 +24,6 @@ DOUBLE_ROUNDING = 2.0**-53
 
 # Roundings of float32 between a point and the t of a triangle, by docs/internals/offsets.md.
 ROUNDINGS = 40
-
-
-def find_sides(normals: NDArray[np.float64], directions: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Return (...) bool: whether each direction leads to the side of its normal.
-
-    Parameters
-    ----------
-    normals : (..., 3) float64
-    directions : (..., 3) float
-        Of any length; broadcast against the normals.
-    """
-    # The products of a tiny direction would underflow.
-    longest = np.abs(directions).max(axis=-1, keepdims=True, initial=0.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        heights = np.einsum("...i,...i->...", directions / longest, normals)
-    return np.asarray(heights >= 0.0)
 
 
 _SPHERES = PRIM_KINDS["spheres"]
@@ -64,35 +45,13 @@ _PAIR_ROUNDING = 2.0**-45
 _MOST_GROWTH = 0.5
 
 
-def find_offset_points(
-    arrays: SurfaceArrays,
-    scene_reach: float,
-    points: SurfacePoints,
-    locations: NDArray[np.float64],
-    is_front: NDArray[np.bool_],
-) -> NDArray[np.float64]:
-    """Return (..., 3) float64, world units: a point above each primitive; NaN without one.
-
-    Parameters
-    ----------
-    arrays : SurfaceArrays
-    scene_reach : float
-        No coordinate of any instance is farther from the middle of the scene's box, in world units.
-    points : SurfacePoints
-    locations : (..., 3) float64, world units
-        Where the points are.
-    is_front : (...) bool
-        Whether the outer side is above.
-    """
-
-    def offset(arrays: SurfaceArrays, *of_points: NDArray[Any]) -> None:
-        _offset(arrays, scene_reach, *of_points)
-
-    return for_points(offset, arrays, points, locations, is_front)
-
-
 @compiled(error_model="numpy")
-def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, locations, is_front, points):
+def offset_points(arrays, reach, prim_ids, instance_ids, us, vs, locations, is_front, points):
+    """Write a point above each primitive, in world coordinates; NaN without one.
+
+    `reach` is how far any coordinate of an instance can be from the middle of the world's box. Above is the outer side
+    where `is_front` is true.
+    """
     local, way, shares, weights = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for hit in range(len(prim_ids)):
         prim, instance = prim_ids[hit], instance_ids[hit]
@@ -118,9 +77,13 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, locations, is_f
             normal = side * x, side * y, side * z
             highest = _find_on_triangle(arrays, geometry, corners, us[hit], vs[hit], normal, local)
 
+        # Errors along the plane above a primitive do not matter; inside of a sphere all of them do.
+        for axis in range(3):
+            weights[axis] = 1.0 if np.isfinite(most) else abs(normal[axis])
+
         if arrays.is_lone:
-            rounding, coarseness = _bound_lone_roundings(scale, normal, local, locations[hit])
-            distance = highest + rounding + coarseness
+            rounding, coarseness = _bound_lone_roundings(scale, weights, local, locations[hit])
+            distance = min(highest + rounding + coarseness, most)
             for axis in range(3):
                 points[hit, axis] = locations[hit, axis] + distance * normal[axis] / scale
             continue
@@ -134,12 +97,8 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, locations, is_f
             way[0], way[1], way[2] = x / gain, y / gain, z / gain
         x, y, z = to_object(arrays, instance, way[0], way[1], way[2])
         shares[0], shares[1], shares[2] = abs(x), abs(y), abs(z)
-        # Errors along the plane above a primitive do not matter; inside of a sphere all of them do.
-        for axis in range(3):
-            weights[axis] = 1.0 if np.isfinite(most) else abs(normal[axis])
-
         rounding, growth = _bound_roundings(arrays, instance, weights, local, shares)
-        coarseness = _bound_coarseness(arrays, instance, geometry, weights, local, locations, hit, scene_reach)
+        coarseness = _bound_coarseness(arrays, instance, geometry, weights, local, locations, hit, reach)
         height = (highest + rounding + coarseness) / (1.0 - min(growth, _MOST_GROWTH))
         height = min(height, most) / scale
         for axis in range(3):
@@ -147,13 +106,13 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, locations, is_f
 
 
 @compiled
-def _bound_lone_roundings(scale, normal, local, location):
-    """Return how far rounding can move a point of a lone mesh and its surface along the normal, in local units."""
+def _bound_lone_roundings(scale, weights, local, location):
+    """Return how far rounding can move a point of a lone shape and its surface apart, in local units."""
     reach, breadth, coarseness = 0.0, 0.0, 0.0
     for axis in range(3):
         reach = max(reach, abs(local[axis]))
-        breadth += abs(normal[axis])
-        coarseness += abs(normal[axis]) * abs(location[axis]) * scale
+        breadth += weights[axis]
+        coarseness += weights[axis] * abs(location[axis]) * scale
     return ROUNDINGS * ROUNDING * (reach + 1.0) * breadth, 2 * DOUBLE_ROUNDING * coarseness
 
 
@@ -182,12 +141,12 @@ def _bound_roundings(arrays, instance, weights, local, shares):
 
 
 @compiled
-def _bound_coarseness(arrays, instance, geometry, weights, local, locations, hit, scene_reach):
+def _bound_coarseness(arrays, instance, geometry, weights, local, locations, hit, reach):
     """Return how far the roundings of world coordinates, in float64 and in pairs, move a point, in local units."""
     coarseness = 0.0
     for world_axis in range(3):
         size = _add_magnitudes(arrays, instance, geometry, local, locations, hit, world_axis)
-        moved = _PAIR_ROUNDING * scene_reach + _DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size
+        moved = _PAIR_ROUNDING * reach + _DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size
         for axis in range(3):
             coarseness += weights[axis] * abs(arrays.inverse[instance, axis, world_axis]) * moved
     return coarseness * arrays.scale[geometry]

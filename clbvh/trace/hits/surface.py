@@ -1,4 +1,4 @@
-"""The surface that rays have hit: the placed geometries of a scene, or one mesh.
+"""The surface that rays have hit: one shape in its place, or the instances of a world.
 
 `Hits` asks its surface where the hits are, which normals they have, and from where rays leave them. A surface knows
 shapes and transforms, and nothing of rays and devices.
@@ -16,15 +16,22 @@ from numpy.typing import NDArray
 
 from ...geometry import Mesh, Shape
 from ...structs import NO_PRIM
+from ...support.host_threads import HostThreads
 from ..world.surface_arrays import SurfaceArrays, SurfacePoints, lone_arrays, make_surface_arrays
-from .interpolate import find_smooth_normals
-from .locations import find_locations, find_normals
-from .offsets import find_offset_points, find_sides
+from .interpolate import group_by_geometry, interpolate_vertices
+from .locations import locate_points, make_normals, turn_normals
+from .offsets import offset_points
+
+# To ask for threads would take longer than fewer points.
+_FEW_POINTS = 1 << 10
+
+# The mean of unit vectors is no direction if its square is smaller: they cancel each other.
+_LEAST_SQUARE = 2.0**-40
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The surfaces of a scene's instances in world coordinates, as they were when the rays were cast.
+    """The surfaces of a world's instances in its coordinates, as they were when the rays were cast.
 
     Its methods are functions of points; where a point is on no primitive, they return NaN.
 
@@ -47,7 +54,7 @@ class Surface:
         shapes: Sequence[Shape],
         names: Sequence[str],
         geometry_id: NDArray[np.integer],
-        transforms: NDArray[np.float64],
+        transforms: NDArray[np.float64] | None,
     ) -> Surface:
         """Return the surfaces of instances; see `make_surface_arrays`."""
         return cls(make_surface_arrays(shapes, geometry_id, transforms), shapes, names)
@@ -59,11 +66,12 @@ class Surface:
 
     @property
     def lone_mesh(self) -> Mesh | None:
-        """The mesh, if it is all that there is."""
-        return self.shapes[0] if self.arrays.is_lone and isinstance(self.shapes[0], Mesh) else None
+        """The mesh that is all there is, where its coordinates say; None of anything else."""
+        shape = self.shapes[self.arrays.geometry_id[0]] if self.arrays.is_lone else None
+        return shape if isinstance(shape, Mesh) else None
 
     @cached_property
-    def scene_reach(self) -> float:
+    def reach(self) -> float:
         """Half the largest side of the box around all instances, in world units."""
         arrays = self.arrays
         if len(arrays.geometry_id) == 0:
@@ -72,153 +80,102 @@ class Surface:
         halves = np.einsum("nij,nj->ni", np.abs(arrays.linear), arrays.half_size[arrays.geometry_id])
         return float(np.max((middles + halves).max(axis=0) / 2 - (middles - halves).min(axis=0) / 2))
 
-    def geometry_ids(self, points: SurfacePoints) -> NDArray[np.int32]:
-        """Return (...) int32: the geometry of each point, -1 for none."""
-        geometry_id, instances = self.arrays.geometry_id, points.instance_id
-        if len(geometry_id) == 0:
-            return instances
-        return np.asarray(np.where(instances == NO_PRIM, np.int32(NO_PRIM), geometry_id[instances]))
+    def geometry_ids(self, instance_id: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Return (...) int32: the geometry of each instance, -1 for none."""
+        geometry_id = self.arrays.geometry_id
+        if not geometry_id.any():
+            return np.asarray(np.minimum(instance_id, np.int32(0)))
+        return np.asarray(np.where(instance_id == NO_PRIM, np.int32(NO_PRIM), geometry_id[instance_id]))
+
+    def part_ids(self, points: SurfacePoints) -> NDArray[np.int32]:
+        """Return (...) int32: the part of each primitive, by its number in its mesh; -1 for none."""
+        # Primitives are counted through all shapes, and a shape without parts is a range without a number.
+        firsts, begins, numbers = [], [-1], [NO_PRIM]
+        first = 0
+        for shape in self.shapes:
+            parts = shape.parts if isinstance(shape, Mesh) else ()
+            firsts.append(first)
+            begins += [first + part.begin for part in parts] or [first]
+            numbers += range(len(parts)) if parts else [NO_PRIM]
+            first += shape.prim_count
+        own = np.array(firsts, np.int64)[self.geometry_ids(points.instance_id)] + points.prim_id
+        prims = np.where(points.prim_id == NO_PRIM, -1, own)
+        return np.asarray(np.array(numbers, np.int32)[np.searchsorted(begins, prims, side="right") - 1])
 
     def locate(self, points: SurfacePoints) -> NDArray[np.float64]:
-        """Return (..., 3) float64: where the points are."""
-        return find_locations(self.arrays, points)
+        """Return (..., 3) float64: where the points are, on a triangle at ``a + (u (b - a) + v (c - a))``."""
+        return self._for_points(locate_points, points)
 
     def normals(self, points: SurfacePoints) -> NDArray[np.float64]:
-        """Return (..., 3) float64: unit normals of the primitives, on their outer side."""
-        return find_normals(self.arrays, points)
+        """Return (..., 3) float64: unit normals of the primitives, on the object's outer side.
+
+        The outer side of a triangle is the one from which its corners run anticlockwise in the object, and that of a
+        sphere is its outside. A mirror takes it along. A triangle so thin that float64 does not know its normal has one
+        across its longest edge, and one whose corners are one point has NaN.
+        """
+        return self._for_points(make_normals, points)
+
+    def turn_normals(self, instance_id: NDArray[np.int32], normals: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (n, 3) float64: unit normals in the world of (n, 3) vectors of about length 1, normal in objects."""
+        turned = np.empty(normals.shape)
+        turn_normals(self.arrays, np.ascontiguousarray(instance_id), normals, turned)
+        return turned
 
     def smooth_normals(self, points: SurfacePoints, normals: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (..., 3) float64: interpolated unit normals, on the sides of `normals`, those of the primitives."""
-        return find_smooth_normals(self.arrays, self.shapes, points, self.geometry_ids(points), normals)
+        """Return (..., 3) float64: interpolated unit normals, on the sides of `normals`, those of the primitives.
+
+        See `Normals.__call__`.
+        """
+        smooth = normals.reshape(-1, 3).copy()
+        prims, instances, us, vs = points.flat()
+        for geometry, hits in group_by_geometry(self.geometry_ids(instances)):
+            mesh = self.shapes[geometry]
+            if not isinstance(mesh, Mesh):
+                continue
+            blended = interpolate_vertices(mesh.vertex_normals, mesh.faces, prims[hits], us[hits], vs[hits])
+            squares = np.einsum("ij,ij->i", blended, blended)
+            squares[~(squares > _LEAST_SQUARE)] = np.nan
+            blended /= np.sqrt(squares)[:, None]
+            blended = self.turn_normals(instances[hits], blended)
+            # Written so that NaN is on no side.
+            is_kept = np.einsum("ij,ij->i", blended, smooth[hits]) > 0.0
+            smooth[hits] = np.where(is_kept[:, None], blended, smooth[hits])
+        return smooth.reshape(normals.shape)
 
     def find_sides(self, points: SurfacePoints, directions: NDArray[np.floating]) -> NDArray[np.bool_]:
         """Return (...) bool: whether each direction, (..., 3) float of any length, leads to the outer side."""
-        return find_sides(self.normals(points), directions)
+        # The products of a tiny direction would underflow.
+        longest = np.abs(directions).max(axis=-1, keepdims=True, initial=0.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            heights = np.einsum("...i,...i->...", directions / longest, self.normals(points))
+        return np.asarray(heights >= 0.0)
 
     def offset_points(
         self, points: SurfacePoints, locations: NDArray[np.float64], is_front: NDArray[np.bool_]
     ) -> NDArray[np.float64]:
         """Return (..., 3) float64: start points of rays, next to the locations on the outer side or the inner one."""
-        return find_offset_points(self.arrays, self.scene_reach, points, locations, is_front)
 
+        def offset(arrays: SurfaceArrays, *of_points: NDArray[Any]) -> None:
+            offset_points(arrays, self.reach, *of_points)
 
-def find_parts(
-    shapes: Sequence[Shape], prim_id: NDArray[np.int32], geometry_id: NDArray[np.int32]
-) -> NDArray[np.int32]:
-    """Return (...) int32: the part of each primitive, by its number in its mesh; -1 for none.
+        return self._for_points(offset, points, locations, is_front)
 
-    Parameters
-    ----------
-    shapes : sequence of Mesh or Spheres
-        The shape of each geometry.
-    prim_id, geometry_id : (...) int32
-        Both are -1 for no primitive.
-    """
-    # Primitives are counted through all shapes, and a shape without parts is a range without a number.
-    firsts, begins, numbers = [], [-1], [NO_PRIM]
-    first = 0
-    for shape in shapes:
-        parts = shape.parts if isinstance(shape, Mesh) else ()
-        firsts.append(first)
-        begins += [first + part.begin for part in parts] or [first]
-        numbers += range(len(parts)) if parts else [NO_PRIM]
-        first += shape.prim_count
-    prims = np.where(prim_id == NO_PRIM, -1, np.array(firsts, np.int64)[geometry_id] + prim_id)
-    return np.asarray(np.array(numbers, np.int32)[np.searchsorted(begins, prims, side="right") - 1])
+    def _for_points(
+        self, compute: Callable[..., None], points: SurfacePoints, *more: NDArray[Any]
+    ) -> NDArray[np.float64]:
+        """Return (..., 3) float64: the vectors that a compiled function writes for points, given more of their data."""
+        shape = points.prim_id.shape
+        vectors = np.empty((*shape, 3))
+        flat = vectors.reshape(-1, 3)
+        others = (np.ascontiguousarray(values).reshape(len(flat), *values.shape[len(shape) :]) for values in more)
+        inputs: list[NDArray[Any]] = [*points.flat(), *others]
 
+        def compute_part(begin: int, end: int) -> None:
+            compute(self.arrays, *(values[begin:end] for values in inputs), flat[begin:end])
 
-class Normals(np.ndarray):
-    """(..., 3) float64: the normals of hits, and a function that returns others; see `Hits.normals`.
-
-    Behaves as a plain array and shows itself as one. Arithmetic, functions of numpy, indices and pickles give plain
-    arrays, which cannot be called.
-
-    Examples
-    --------
-    >>> import clbvh
-    >>> ball = clbvh.make_shape("icosphere", triangles=320)
-    >>> with clbvh.Tracer(ball) as tracer:
-    ...     hits = tracer.closest_hit([[0.1, 0.2, 0], [0.1, 0.2, 5]], [[0, 0, 1], [0, 0, -1]])
-    >>> hits.normals.round(2)
-    array([[0.09, 0.15, 0.98],
-           [0.09, 0.15, 0.98]])
-    >>> hits.normals(facing=True).round(2)
-    array([[-0.09, -0.15, -0.98],
-           [ 0.09,  0.15,  0.98]])
-    >>> type(2 * hits.normals), type(hits.normals[0])
-    (<class 'numpy.ndarray'>, <class 'numpy.ndarray'>)
-    """
-
-    _find: Callable[[NDArray[np.float64], bool, bool], NDArray[np.float64]] | None = None
-
-    @classmethod
-    def _of(
-        cls, normals: NDArray[np.float64], find: Callable[[NDArray[np.float64], bool, bool], NDArray[np.float64]]
-    ) -> Normals:
-        """Return an array that calls a function with itself and with the answers to `smooth` and `facing`."""
-        callable_normals = normals.view(cls)
-        callable_normals._find = find
-        return callable_normals
-
-    def __call__(self, *, smooth: bool = False, facing: bool = False) -> NDArray[np.float64]:
-        """Return (..., 3) float64: other normals of the same hits, of length 1; NaN on a miss.
-
-        Parameters
-        ----------
-        smooth : bool, optional
-            Normals that change continuously over the faces: those of `Mesh.vertex_normals`, interpolated with u and v,
-            and in a scene transformed as normals are. Each is on the side to which the face's own normal points; where
-            it would not be, at creases sharper than a right angle or where faces around disagree about their sides, it
-            is the face's own. A sphere has the same normals anyway.
-        facing : bool, optional
-            On the side from which the ray came: turned by `Hits.is_front`. So the product of the ray's direction with a
-            normal of `smooth=False` is never above zero. A smooth one keeps to the side of the face, and near a
-            silhouette it may still point away from the ray.
-
-        Raises
-        ------
-        ConfigError
-            `facing` for hits that do not know from which side the rays came.
-        """
-        if self._find is None:
-            raise TypeError("only the normals of hits can be called: hits.normals(smooth=..., facing=...)")
-        return self._find(np.asarray(self), smooth, facing)
-
-    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **arguments: Any) -> Any:
-        if "out" in arguments:
-            arguments["out"] = tuple(_plain(out) for out in arguments["out"])
-        return getattr(ufunc, method)(*(_plain(value) for value in inputs), **arguments)
-
-    def __array_function__(self, function: Any, types: Any, arguments: Any, named: Any) -> Any:
-        return super().__array_function__(function, types, _all_plain(arguments), _all_plain(named))
-
-    def __getitem__(self, index: Any) -> Any:
-        return np.asarray(self)[index]
-
-    def __reduce__(self) -> Any:
-        return np.asarray(self).__reduce__()
-
-    def __copy__(self) -> Any:
-        return np.array(self)
-
-    def __deepcopy__(self, memo: Any, /) -> Any:
-        return np.array(self)
-
-    def __repr__(self) -> str:
-        return repr(np.asarray(self))
-
-    def __str__(self) -> str:
-        return str(np.asarray(self))
-
-
-def _plain(value: Any) -> Any:
-    return np.asarray(value) if isinstance(value, Normals) else value
-
-
-def _all_plain(values: Any) -> Any:
-    """Return arguments of a function with plain arrays in place of normals, also within lists."""
-    if isinstance(values, dict):
-        return {name: _all_plain(value) for name, value in values.items()}
-    if isinstance(values, list | tuple):
-        return type(values)(_all_plain(value) for value in values)
-    return _plain(values)
+        if len(flat) < _FEW_POINTS:
+            compute_part(0, len(flat))
+            return vectors
+        with HostThreads() as threads:
+            threads.for_ranges(len(flat), compute_part)
+        return vectors

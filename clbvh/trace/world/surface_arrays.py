@@ -16,30 +16,8 @@ from ...errors import SceneError
 from ...geometry import Mesh, Shape
 from ...structs import PRIM_KINDS
 from ...support.compiled import compiled
-from ...support.loop_functions import exponent_of, power_of_two, times_power_of_two
+from ...support.loop_functions import add_scaled, cross, dot, exponent_of, times_power_of_two
 from ...support.memory import check_memory
-
-
-class Triangles(NamedTuple):
-    """What compiled functions need of a mesh.
-
-    Attributes
-    ----------
-    vertices : (V, 3) float64, the file's coordinates
-    faces : (F, 3) int32
-    scale : float
-        A power of two: local units in one unit of the file. Lengths are scaled by it before they are multiplied with
-        each other, so that no product leaves float64.
-    """
-
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int32]
-    scale: float
-
-
-def triangles_of(mesh: Mesh) -> Triangles:
-    """Return the arrays of a mesh."""
-    return Triangles(mesh.vertices, mesh.faces, mesh.scale)
 
 
 class SurfacePoints(NamedTuple):
@@ -59,6 +37,12 @@ class SurfacePoints(NamedTuple):
     instance_id: NDArray[np.int32]
     u: NDArray[np.floating]
     v: NDArray[np.floating]
+
+    def flat(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
+        """Return prim_id, instance_id, u and v as contiguous arrays of one axis, in float64."""
+        prim_id, instance_id = (np.ascontiguousarray(ids, np.int32).reshape(-1) for ids in self[:2])
+        u, v = (np.ascontiguousarray(coordinates, np.float64).reshape(-1) for coordinates in self[2:])
+        return prim_id, instance_id, u, v
 
 
 # Half the largest side of an instance's box lies between these powers of two, or is zero: the limits of `Mesh`.
@@ -93,7 +77,8 @@ class SurfaceArrays(NamedTuple):
     scale : (G,) float64
         A power of two: the geometry's local units in one object unit.
     half_size : (G, 3) float64, object units
-        Half the sides of the geometry's box, of which `origin` is the centre, to a rounding of float32.
+        Half the sides of the geometry's box, of which `origin` is the centre, to a rounding of float32; 0 of a lone
+        shape.
     geometry_id : (n,) int32
         The geometry of each instance.
     linear : (n, 3, 3) float64
@@ -110,7 +95,8 @@ class SurfaceArrays(NamedTuple):
         Whether the map turns right hands into left ones. Corners a, b, c that run anticlockwise, seen from the outer
         side of the object, run clockwise in the world, and the outer side is still that of the normal.
     is_lone : bool
-        Whether this is one mesh where its coordinates say: no transform may change a bit of it, not even a zero's sign.
+        Whether this is one shape where its coordinates say: no transform may change a bit of it, not even a zero's
+        sign. Its `world_scale` is its `scale`.
     """
 
     vertices: NDArray[np.float64]
@@ -132,25 +118,19 @@ class SurfaceArrays(NamedTuple):
     is_lone: bool = False
 
 
-_ZERO_ROW = np.zeros(1, np.int64)
-
-# The lone mesh; its own arrays are missing.
-_LONE = SurfaceArrays(
-    np.empty((0, 3)), np.empty((0, 3), np.int32), np.empty((0, 4)), np.array([_TRIANGLES], np.int32),
-    _ZERO_ROW, _ZERO_ROW, _ZERO_ROW, np.zeros((1, 3)), np.ones(1), np.zeros((1, 3)),
-    np.zeros(1, np.int32), np.eye(3)[None], np.zeros((1, 3)), np.eye(3)[None], np.ones(1), np.zeros(1, np.bool_), True,
-)  # fmt: skip
+_FIRST = np.zeros(1, np.int32)
+_IDENTITY = np.eye(3)[None]
 
 
-def lone_arrays(mesh: Mesh) -> SurfaceArrays:
-    """Return the arrays of a mesh that lies where its coordinates say; nothing is copied."""
-    return _LONE._replace(
-        vertices=mesh.vertices, faces=mesh.faces, origin=np.array([mesh.origin]), scale=np.array([mesh.scale])
-    )
+def lone_arrays(shape: Shape) -> SurfaceArrays:
+    """Return the arrays of one shape that lies where its coordinates say; nothing of a mesh is copied."""
+    return make_surface_arrays((shape,), _FIRST, None)
 
 
 def make_surface_arrays(
-    shapes: Sequence[Shape], geometry_id: NDArray[np.integer], transforms: NDArray[np.float64]
+    shapes: Sequence[Shape],
+    geometry_id: NDArray[np.integer],
+    transforms: NDArray[np.float64] | None,
 ) -> SurfaceArrays:
     """Return the arrays of a scene.
 
@@ -160,8 +140,8 @@ def make_surface_arrays(
         The shape of each geometry.
     geometry_id : (n,) int
         The geometry of each instance.
-    transforms : (n, 4, 4) float64
-        The map of each instance from object to world.
+    transforms : (n, 4, 4) float64 or None
+        The map of each instance from object to world; None for one instance that is where its shape's coordinates say.
 
     Returns
     -------
@@ -180,30 +160,26 @@ def make_surface_arrays(
     if len(meshes) > 1:
         copied_bytes += sum(mesh.vertices.nbytes + mesh.faces.nbytes for mesh in meshes)
     check_memory("the arrays of the scene", copied_bytes, SceneError)
-    no_instances = _frames_of(shapes, geometry_id)._replace(
+    arrays = SurfaceArrays(
         vertices=_join([mesh.vertices for mesh in meshes], np.empty((0, 3))),
         faces=_join([mesh.faces for mesh in meshes], np.empty((0, 3), np.int32)),
         spheres=_join([np.column_stack((shape.centres, shape.radii)) for shape in spheres], np.empty((0, 4))),
+        kind=np.array([_TRIANGLES if isinstance(shape, Mesh) else _SPHERES for shape in shapes], np.int32),
         first_vertex=_first_rows([len(shape.vertices) if isinstance(shape, Mesh) else 0 for shape in shapes]),
         first_face=_first_rows([len(shape.faces) if isinstance(shape, Mesh) else 0 for shape in shapes]),
         first_sphere=_first_rows([0 if isinstance(shape, Mesh) else len(shape.radii) for shape in shapes]),
+        origin=np.array([shape.origin for shape in shapes], np.float64).reshape(-1, 3),
+        scale=np.array([shape.scale for shape in shapes], np.float64),
+        half_size=np.zeros((len(shapes), 3)) if transforms is None else _half_sizes(shapes),
+        geometry_id=np.ascontiguousarray(geometry_id, np.int32),
+        linear=_IDENTITY,
+        offset=np.zeros((1, 3)),
+        inverse=_IDENTITY,
+        world_scale=np.array([shapes[geometry].scale for geometry in geometry_id[:1]]),
+        is_mirrored=np.zeros(1, np.bool_),
+        is_lone=transforms is None,
     )
-    return move_instances(no_instances, transforms)
-
-
-def _frames_of(shapes: Sequence[Shape], geometry_id: NDArray[np.integer]) -> SurfaceArrays:
-    """Return the boxes of geometries, without their primitives and without instances."""
-    empty, no_rows = np.empty(0), np.zeros(len(shapes), np.int64)
-    return SurfaceArrays(
-        empty.reshape(0, 3), np.empty((0, 3), np.int32), empty.reshape(0, 4),
-        np.array([_TRIANGLES if isinstance(shape, Mesh) else _SPHERES for shape in shapes], np.int32),
-        no_rows, no_rows, no_rows,
-        np.array([shape.origin for shape in shapes], np.float64).reshape(-1, 3),
-        np.array([shape.scale for shape in shapes], np.float64),
-        np.array([_half_size(shape) for shape in shapes]).reshape(-1, 3),
-        np.ascontiguousarray(geometry_id, np.int32),
-        empty.reshape(0, 3, 3), empty.reshape(0, 3), empty.reshape(0, 3, 3), empty, np.empty(0, np.bool_),
-    )  # fmt: skip
+    return arrays if transforms is None else move_instances(arrays, transforms)
 
 
 def move_instances(arrays: SurfaceArrays, transforms: NDArray[np.float64]) -> SurfaceArrays:
@@ -220,27 +196,77 @@ def move_instances(arrays: SurfaceArrays, transforms: NDArray[np.float64]) -> Su
     SceneError
         See `make_surface_arrays`.
     """
-    count = len(transforms)
-    moved = arrays._replace(
-        linear=np.empty((count, 3, 3)),
-        offset=np.empty((count, 3)),
-        inverse=np.empty((count, 3, 3)),
-        world_scale=np.empty(count),
-        is_mirrored=np.empty(count, np.bool_),
-    )
-    wrong = _place_instances(np.ascontiguousarray(transforms, np.float64), moved, np.empty((3, 3)), np.empty((3, 3)))
-    if wrong >= 0:
+    linear = np.ascontiguousarray(transforms[:, :3, :3], np.float64)
+    with np.errstate(over="ignore"):
+        x, y, z = np.einsum("nij,nj->ni", np.abs(linear), arrays.half_size[arrays.geometry_id]).T
+    sizes = np.maximum(np.maximum(x, y), z)
+    is_right = (sizes == 0) | ((sizes >= 2.0 ** (_LEAST_EXPONENT - 1)) & (sizes < 2.0**_MOST_EXPONENT))
+    if not is_right.all():
         raise SceneError(
-            f"instance {wrong} is smaller than {2.0**_LEAST_EXPONENT:.0e} or larger than {2.0**_MOST_EXPONENT:.0e} "
-            "units, with which float64 has no room to compute: give its transform another scale"
+            f"instance {np.argmin(is_right)} is smaller than {2.0**_LEAST_EXPONENT:.0e} or larger than "
+            f"{2.0**_MOST_EXPONENT:.0e} units, with which float64 has no room to compute: give its transform another "
+            "scale"
         )
+    moved = arrays._replace(
+        linear=linear,
+        offset=np.ascontiguousarray(transforms[:, :3, 3], np.float64),
+        inverse=np.empty(linear.shape),
+        world_scale=np.ldexp(1.0, -np.frexp(sizes)[1]),
+        is_mirrored=np.empty(len(linear), np.bool_),
+        is_lone=False,
+    )
+    _invert(linear, moved.inverse, moved.is_mirrored)
     return moved
 
 
-def _half_size(shape: Shape) -> NDArray[np.float64]:
-    """Return (3,) float64: half the sides of the shape's box."""
+@compiled(error_model="numpy")
+def _invert(matrices, inverses, is_negative):
+    """Write the inverses of matrices, and whether their determinants are below zero.
+
+    Rows and columns are scaled by powers of two first, which rounds nothing: then the products of a matrix that
+    stretches its axes by factors far apart neither underflow nor drown each other. One step of Newton's method removes
+    most of what the cofactors lose by cancellation. `numpy.linalg.inv` takes eight times as long.
+    """
+    matrix, rows, columns = np.empty((3, 3)), np.empty(3, np.int64), np.empty(3, np.int64)
+    for index in range(len(matrices)):
+        for row in range(3):
+            x, y, z = _row(matrices[index], row)
+            rows[row] = exponent_of(max(abs(x), abs(y), abs(z)))
+            for column in range(3):
+                matrix[row, column] = times_power_of_two(matrices[index, row, column], -rows[row])
+        for column in range(3):
+            columns[column] = exponent_of(max(abs(matrix[0, column]), abs(matrix[1, column]), abs(matrix[2, column])))
+            for row in range(3):
+                matrix[row, column] = times_power_of_two(matrix[row, column], -columns[column])
+        a, b, c = _row(matrix, 0), _row(matrix, 1), _row(matrix, 2)
+        x, y, z = cross(b, c), cross(c, a), cross(a, b)
+        determinant = dot(a, x)
+        is_negative[index] = determinant < 0.0
+        x, y, z = _divide(x, determinant), _divide(y, determinant), _divide(z, determinant)
+        for column, vector in enumerate((x, y, z)):
+            # A column of the identity less the product of the matrix and that of its inverse.
+            da = (1.0 if column == 0 else 0.0) - a[0] * vector[0] - a[1] * vector[1] - a[2] * vector[2]
+            db = (1.0 if column == 1 else 0.0) - b[0] * vector[0] - b[1] * vector[1] - b[2] * vector[2]
+            dc = (1.0 if column == 2 else 0.0) - c[0] * vector[0] - c[1] * vector[1] - c[2] * vector[2]
+            refined = add_scaled(add_scaled(add_scaled(vector, da, x), db, y), dc, z)
+            for row in range(3):
+                inverses[index, row, column] = times_power_of_two(refined[row], -columns[row] - rows[column])
+
+
+@compiled
+def _row(matrix, row):
+    return matrix[row, 0], matrix[row, 1], matrix[row, 2]
+
+
+@compiled(error_model="numpy")
+def _divide(vector, divisor):
+    return vector[0] / divisor, vector[1] / divisor, vector[2] / divisor
+
+
+def _half_sizes(shapes: Sequence[Shape]) -> NDArray[np.float64]:
     # Local coordinates are in memory, and a rounding of float32 does not matter.
-    return np.abs(shape.local_box).max(axis=0).astype(np.float64) / shape.scale
+    sizes = [np.abs(shape.local_box).max(axis=0).astype(np.float64) / shape.scale for shape in shapes]
+    return np.array(sizes).reshape(-1, 3)
 
 
 def _join(parts: list[NDArray], nothing: NDArray) -> NDArray:
@@ -256,129 +282,34 @@ def _first_rows(counts: list[int]) -> NDArray[np.int64]:
     return np.where(row_counts > 0, np.cumsum(row_counts) - row_counts, 0)
 
 
+@compiled(is_inlined=True)
+def multiply(matrices, index, vector):
+    """Return the product of one of some matrices and a vector.
+
+    Loops over hits look the matrices up once: to hand all arrays to a function for each hit takes longer.
+    """
+    x, y, z = vector
+    return (
+        matrices[index, 0, 0] * x + matrices[index, 0, 1] * y + matrices[index, 0, 2] * z,
+        matrices[index, 1, 0] * x + matrices[index, 1, 1] * y + matrices[index, 1, 2] * z,
+        matrices[index, 2, 0] * x + matrices[index, 2, 1] * y + matrices[index, 2, 2] * z,
+    )
+
+
 @compiled
 def place_point(arrays, instance, x, y, z):
     """Return the world coordinates of a point of an instance's geometry; those of the object for the identity."""
-    linear, offset = arrays.linear, arrays.offset
-    return (
-        linear[instance, 0, 0] * x + linear[instance, 0, 1] * y + linear[instance, 0, 2] * z + offset[instance, 0],
-        linear[instance, 1, 0] * x + linear[instance, 1, 1] * y + linear[instance, 1, 2] * z + offset[instance, 1],
-        linear[instance, 2, 0] * x + linear[instance, 2, 1] * y + linear[instance, 2, 2] * z + offset[instance, 2],
-    )
+    x, y, z = multiply(arrays.linear, instance, (x, y, z))
+    return x + arrays.offset[instance, 0], y + arrays.offset[instance, 1], z + arrays.offset[instance, 2]
 
 
 @compiled
 def place_vector(arrays, instance, x, y, z):
     """Return the difference of two points of an instance's geometry in world coordinates."""
-    linear = arrays.linear
-    return (
-        linear[instance, 0, 0] * x + linear[instance, 0, 1] * y + linear[instance, 0, 2] * z,
-        linear[instance, 1, 0] * x + linear[instance, 1, 1] * y + linear[instance, 1, 2] * z,
-        linear[instance, 2, 0] * x + linear[instance, 2, 1] * y + linear[instance, 2, 2] * z,
-    )
+    return multiply(arrays.linear, instance, (x, y, z))
 
 
 @compiled
 def to_object(arrays, instance, x, y, z):
     """Return a vector of the world in the coordinates of an instance's geometry."""
-    return to_object_by(arrays.inverse, instance, x, y, z)
-
-
-@compiled
-def to_object_by(inverse, instance, x, y, z):
-    """Return the same, given the inverse matrices alone: for loops over hits, which look them up once."""
-    return (
-        inverse[instance, 0, 0] * x + inverse[instance, 0, 1] * y + inverse[instance, 0, 2] * z,
-        inverse[instance, 1, 0] * x + inverse[instance, 1, 1] * y + inverse[instance, 1, 2] * z,
-        inverse[instance, 2, 0] * x + inverse[instance, 2, 1] * y + inverse[instance, 2, 2] * z,
-    )
-
-
-@compiled(error_model="numpy")
-def _place_instances(transforms, arrays, balanced, inverse):
-    """Write the arrays of all instances; return the first one whose size float64 cannot compute with, or -1."""
-    linear = arrays.linear
-    for instance in range(len(transforms)):
-        largest = 0.0
-        for row in range(3):
-            extent = 0.0
-            for column in range(3):
-                linear[instance, row, column] = transforms[instance, row, column]
-                extent += abs(linear[instance, row, column]) * arrays.half_size[arrays.geometry_id[instance], column]
-            arrays.offset[instance, row] = transforms[instance, row, 3]
-            largest = max(largest, extent)
-        exponent = exponent_of(largest) + 1
-        if largest == 0.0:
-            exponent = 0
-        elif not _LEAST_EXPONENT <= exponent <= _MOST_EXPONENT:
-            return instance
-        arrays.world_scale[instance] = power_of_two(-exponent)
-        arrays.is_mirrored[instance] = _invert(linear, instance, arrays.inverse, balanced, inverse)
-    return -1
-
-
-@compiled(error_model="numpy")
-def _invert(linear, instance, inverses, balanced, inverse):
-    """Write the inverse of one matrix, and return whether its determinant is below zero.
-
-    Rows and columns are scaled by powers of two first, which rounds nothing: then the products of a matrix that
-    stretches its axes by factors far apart neither underflow nor drown each other. One step of Newton's method removes
-    most of what the cofactors lose by cancellation.
-    """
-    row_exponents = (
-        _row_exponent(linear, instance, 0), _row_exponent(linear, instance, 1), _row_exponent(linear, instance, 2)
-    )  # fmt: skip
-    for row in range(3):
-        for column in range(3):
-            balanced[row, column] = times_power_of_two(linear[instance, row, column], -row_exponents[row])
-    column_exponents = (
-        _column_exponent(balanced, 0), _column_exponent(balanced, 1), _column_exponent(balanced, 2)
-    )  # fmt: skip
-    for row in range(3):
-        for column in range(3):
-            balanced[row, column] = times_power_of_two(balanced[row, column], -column_exponents[column])
-    determinant = 0.0
-    for row in range(3):
-        for column in range(3):
-            # The indices are cyclic, so the cofactors have no signs of their own.
-            next_row, last_row = (row + 1) % 3, (row + 2) % 3
-            next_column, last_column = (column + 1) % 3, (column + 2) % 3
-            inverse[column, row] = (
-                balanced[next_row, next_column] * balanced[last_row, last_column]
-                - balanced[next_row, last_column] * balanced[last_row, next_column]
-            )
-    for column in range(3):
-        determinant += balanced[0, column] * inverse[column, 0]
-    for row in range(3):
-        for column in range(3):
-            inverse[row, column] /= determinant
-    for row in range(3):
-        for column in range(3):
-            inverses[instance, row, column] = inverse[row, column]
-            for inner in range(3):
-                # The residual: the identity less the product of the matrix and its inverse.
-                residual = 1.0 if inner == column else 0.0
-                for index in range(3):
-                    residual -= balanced[inner, index] * inverse[index, column]
-                inverses[instance, row, column] += inverse[row, inner] * residual
-    for row in range(3):
-        for column in range(3):
-            exponent = -column_exponents[row] - row_exponents[column]
-            inverses[instance, row, column] = times_power_of_two(inverses[instance, row, column], exponent)
-    return determinant < 0.0
-
-
-@compiled
-def _row_exponent(linear, instance, row):
-    largest = 0.0
-    for column in range(3):
-        largest = max(largest, abs(linear[instance, row, column]))
-    return exponent_of(largest)
-
-
-@compiled
-def _column_exponent(balanced, column):
-    largest = 0.0
-    for row in range(3):
-        largest = max(largest, abs(balanced[row, column]))
-    return exponent_of(largest)
+    return multiply(arrays.inverse, instance, (x, y, z))

@@ -102,9 +102,10 @@ def test_a_mesh_is_a_scene_of_one_geometry():
 
 
 def test_a_mesh_in_a_scene_has_the_ids_and_names_of_the_scene():
-    surface = Surface.from_shapes([BALLS, KNOT], ["a", "b"], np.array([1]), np.eye(4)[None])
+    surface = Surface.from_shapes([BALLS, KNOT], ["a", "b"], np.array([1]), None)
     plain = knot_hits(100)
-    hits = Hits(plain.t, plain.u, plain.v, plain.prim_id, KNOT, surface=surface)
+    hits = Hits(plain.t, plain.u, plain.v, plain.prim_id, surface=surface)
+    assert hits.mesh is KNOT
     assert hits.locations.tobytes() == plain.locations.tobytes()
     np.testing.assert_array_equal(hits.instance_id, np.minimum(plain.prim_id, 0))
     np.testing.assert_array_equal(hits.geometry_id, np.where(plain.is_hit, 1, -1))

@@ -57,7 +57,8 @@ def make_targets(shape, generator):
 
 def make_hits(tracer, shape, scene, size, generator):
     """Hits of rays at all instances, from near and far."""
-    transforms = scene.snapshot().transforms[generator.integers(INSTANCES, size=RAYS)]
+    transforms = scene.snapshot().transforms
+    transforms = transforms[generator.integers(len(transforms), size=RAYS)]
     targets = np.einsum("nij,nj->ni", transforms[:, :3, :3], make_targets(shape, generator)) + transforms[:, :3, 3]
     away = generator.normal(size=(RAYS, 3)) * size * 10.0 ** generator.uniform(-2, 1, (RAYS, 1))
     hits = tracer.closest_hit(targets + away, -away)
@@ -95,7 +96,21 @@ def find_hopeless(hits, origins, is_inside):
 def test_rays_do_not_meet_the_primitive_that_they_leave(session, kind, name, far, size):
     generator = np.random.default_rng(19)
     shape = make_spheres(generator) if kind == "spheres" else clbvh.Mesh.from_arrays(*MESHES[kind](generator))
-    scene = place(shape, name, far, size, generator)
+    check_rays_that_leave(session, shape, place(shape, name, far, size, generator), size, generator)
+
+
+@pytest.mark.parametrize("size", [1e-30, 1.0, 1e30])
+@pytest.mark.parametrize("far", [0.0, 1e4])
+@pytest.mark.parametrize("seed", [19, 20, 21])
+def test_rays_do_not_meet_the_lone_sphere_that_they_leave(session, far, size, seed):
+    generator = np.random.default_rng(seed)
+    spheres = make_spheres(generator)
+    spheres = clbvh.Spheres((spheres.centres + far) * size, spheres.radii * size)
+    check_rays_that_leave(session, spheres, clbvh.Scene(spheres), size, generator)
+
+
+def check_rays_that_leave(session, shape, scene, size, generator):
+    has_spheres = isinstance(shape, clbvh.Spheres)
     with clbvh.Tracer(scene, device=session.info) as tracer:
         hits = make_hits(tracer, shape, scene, size, generator)
         assert len(hits) > 20
@@ -103,7 +118,7 @@ def test_rays_do_not_meet_the_primitive_that_they_leave(session, kind, name, far
         origins = hits.offset_origins()
         count = count_own(tracer, hits, origins, directions)
         # From inside of a sphere, every ray leaves it once.
-        inside = ~hits.is_front & (kind == "spheres")
+        inside = ~hits.is_front & has_spheres
         is_known = ~find_hopeless(hits, origins, inside)
         np.testing.assert_array_equal(count[is_known], inside[is_known])
 
@@ -112,7 +127,7 @@ def test_rays_do_not_meet_the_primitive_that_they_leave(session, kind, name, far
         leads_inside = (hits.normals * towards).sum(axis=1) < 0
         origins = hits.offset_origins(towards=towards)
         count = count_own(tracer, hits, origins, towards)
-        inside = leads_inside & (kind == "spheres")
+        inside = leads_inside & has_spheres
         is_known = ~find_hopeless(hits, origins, inside)
         np.testing.assert_array_equal(count[is_known], inside[is_known])
 

@@ -1,5 +1,8 @@
 """The surface that was hit: a mesh, or the instances of a scene."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -112,7 +115,7 @@ def test_an_empty_scene_has_misses_only():
     assert hits.geometry_id.tolist() == [-1, -1]
     assert np.isnan(hits.locations).all()
     assert np.isnan(hits.normals).all()
-    assert surface.scene_reach == 0
+    assert surface.reach == 0
 
 
 def test_the_identity_gives_the_bytes_of_the_mesh():
@@ -187,3 +190,29 @@ def test_hits_that_know_neither_mesh_nor_scene_say_so():
     assert hits.instance_id.tolist() == [0]
     with pytest.raises(ConfigError, match="do not know their mesh"):
         _ = hits.normals
+
+
+def test_a_copy_or_a_pickle_of_hits_knows_what_they_know():
+    generator = np.random.default_rng(1)
+    hits = Hits(*np.full((3, 4), 0.25), np.array([5, -1, 0, 7], np.int32), KNOT, is_front=np.ones(4, np.bool_))
+    placed = random_hits(place([KNOT, BALLS], [1, 0], random_transforms(2, generator)), 30, generator)
+    for given in (hits, placed):
+        for other in (copy.copy(given), copy.deepcopy(given), pickle.loads(pickle.dumps(given))):
+            assert (other.mesh is None) == (given.mesh is None)
+            assert other.geometry_id.tobytes() == given.geometry_id.tobytes()
+            assert other.offset_origins().tobytes() == given.offset_origins().tobytes()
+
+
+@pytest.mark.parametrize("shape", [KNOT, BALLS], ids=["mesh", "spheres"])
+def test_a_lone_shape_has_the_surface_of_its_instance_in_the_same_place(shape):
+    lone, placed = (Surface.from_shapes([shape], ["shape"], np.zeros(1, np.int32), t) for t in (None, np.eye(4)[None]))
+    assert lone.lone_mesh is (shape if isinstance(shape, clbvh.Mesh) else None)
+    assert placed.lone_mesh is None
+    hits = random_hits(placed, 300, np.random.default_rng(6))
+    alone = Hits(hits.t, hits.u, hits.v, hits.prim_id, is_front=hits.is_front, surface=lone)
+    assert alone.locations.tobytes() == hits.locations.tobytes()
+    np.testing.assert_allclose(alone.normals, hits.normals, rtol=0, atol=1e-15)
+    leaps = [np.linalg.norm(each.offset_origins() - each.locations, axis=1)[hits.is_hit] for each in (alone, hits)]
+    # No map between the ray and the shape rounds anything.
+    assert (leaps[0] < leaps[1] * (1 + 1e-9)).all()
+    assert (leaps[0] > leaps[1] / 4).all()

@@ -6,7 +6,7 @@ import pytest
 import clbvh
 from clbvh.errors import SceneError
 from clbvh.structs import PRIM_KINDS
-from clbvh.trace.world.surface_arrays import make_surface_arrays, move_instances, place_point, place_vector
+from clbvh.trace.world.surface_arrays import lone_arrays, make_surface_arrays, move_instances, place_point, place_vector
 
 TRIANGLE = clbvh.Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 2, 0]], [[0, 1, 2]])
 SQUARE = clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
@@ -39,6 +39,17 @@ def test_one_mesh_is_not_copied():
     arrays = make_surface_arrays([SPHERES, SQUARE], np.array([1]), identities(1))
     assert arrays.vertices is SQUARE.vertices
     assert arrays.faces is SQUARE.faces
+
+
+@pytest.mark.parametrize("shape", [SQUARE, SPHERES], ids=["mesh", "spheres"])
+def test_a_lone_shape_has_the_rows_of_its_only_instance(shape):
+    lone, placed = lone_arrays(shape), make_surface_arrays([shape], np.zeros(1, int), identities(1))
+    assert lone.is_lone
+    assert not placed.is_lone
+    for name in set(lone._fields) - {"half_size", "is_lone"}:
+        obtained, expected = getattr(lone, name), getattr(placed, name)
+        assert obtained.dtype == expected.dtype, name
+        np.testing.assert_array_equal(obtained, expected, err_msg=name)
 
 
 def test_a_scene_without_instances_and_one_without_geometries_have_no_rows():
