@@ -39,7 +39,7 @@ def study(
         List the experiments and end.
     """
     if show_list:
-        from ..study.registry import EXPERIMENTS
+        from ..study.experiments import EXPERIMENTS
 
         longest = max(map(len, EXPERIMENTS))
         for experiment in EXPERIMENTS.values():

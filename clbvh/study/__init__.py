@@ -5,7 +5,7 @@ as tables and figures: one file each, in `experiments/`. Sampling, resuming, sta
 written once, beside it. Nothing here prints.
 """
 
-from .registry import EXPERIMENTS, find_experiments
+from .experiments import EXPERIMENTS, find_experiments
 from .run import Study, run_study
 
 __all__ = ["EXPERIMENTS", "Study", "find_experiments", "run_study"]

@@ -1,6 +1,6 @@
 """clbvh and its peers, all with the same few verbs, and a process of its own for each.
 
-An engine is imported when it is opened. Every query takes numpy arrays and gives the engine what its users would give
+A peer is imported when it is opened. Every query takes numpy arrays and gives the engine what its users would give
 it; conversions to the engine's own types are made before the time is taken where its users can keep them, and are part
 of the call where they cannot. In one process, engines disturb each other by the threads they leave running.
 """
@@ -21,8 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..builders.build import build
 from ..errors import ClbvhError
+from ..geometry import Mesh
 from ..support.context_manager import ContextManager
+from ..trace.tracer import Tracer
 
 Array = NDArray[Any]
 # The functions that a process of its own calls and times, by the names of the queries.
@@ -80,15 +83,14 @@ class Clbvh(Engine):
     name = "clbvh"
 
     def __init__(self, vertices: Array, faces: Array) -> None:
-        self._clbvh = import_module("clbvh")
-        self._mesh = self._clbvh.Mesh.from_arrays(vertices, faces)
+        self._mesh = Mesh.from_arrays(vertices, faces)
 
     def build(self) -> None:
-        self._bvh = self._clbvh.build(self._mesh)
+        self._bvh = build(self._mesh)
 
     @cached_property
-    def _tracer(self) -> Any:
-        return self._clbvh.Tracer(self._bvh)
+    def _tracer(self) -> Tracer:
+        return Tracer(self._bvh)
 
     def closest(self, rays: Any) -> Any:
         return np.count_nonzero(self._tracer.closest_hit(*rays).is_hit)

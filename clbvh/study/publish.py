@@ -11,10 +11,10 @@ from pathlib import Path
 
 from ..errors import ConfigError
 from ..support.files import write_atomically
+from .experiments import EXPERIMENTS
 from .experiments.peers import QUERIES, figure_of, lead_of
 from .machine import FILE_NAME as MACHINES_NAME, read_machines
 from .page import README, RESULTS, Table, render
-from .registry import EXPERIMENTS
 from .samples import FILE_NAME as SAMPLES_NAME, Results, SampleFile
 from .scale import FULL, QUICK, TINY
 

@@ -14,9 +14,9 @@ from ..support.files import write_atomically
 from .bench import Bench
 from .engines import ENGINES
 from .experiment import Experiment
+from .experiments import EXPERIMENTS, find_experiments
 from .machine import Machine, describe_machine, keep_machine, list_missing
 from .page import HTML, render
-from .registry import EXPERIMENTS, find_experiments
 from .samples import FILE_NAME, TABLE_NAME, Case, NotMeasuredError, Results, SampleFile, key_of
 from .scale import FULL, SCANS, Scale
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from clbvh.study import run, scale
-from clbvh.study.registry import EXPERIMENTS
+from clbvh.study.experiments import EXPERIMENTS
 
 from .command import TIMEOUT_S, make_environment, refuses, run_clbvh, run_process
 

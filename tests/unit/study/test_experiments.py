@@ -12,9 +12,8 @@ import clbvh.study
 from clbvh.errors import ConfigError
 from clbvh.study import engines, machine as machines
 from clbvh.study.experiment import Experiment, curve
-from clbvh.study.experiments import peers
+from clbvh.study.experiments import EXPERIMENTS, find_experiments, peers
 from clbvh.study.page import Table
-from clbvh.study.registry import EXPERIMENTS, find_experiments
 from clbvh.study.run import run_study
 from clbvh.study.samples import Sample
 from clbvh.study.scale import FULL, QUICK, SCANS, TINY, Scale
