@@ -1,4 +1,4 @@
-"""The survey of the devices, on the drivers of this machine; rules of the choice: test_match.py, test_preference.py."""
+"""The survey of the devices, on the drivers of this machine; the rules of the choice are in test_choice.py."""
 
 import subprocess
 import sys
