@@ -85,7 +85,7 @@ def test_every_answer_is_that_of_one_mesh(bvh, frames, queries, expected, layout
         )
         tracer.update(frames[3])
         assert [ask(tracer, *query) for query in queries] == [answers[3] for answers in expected]
-        assert tracer.memory_bytes == 2 * tracer._caster.tree.memory_bytes
+        assert tracer.memory_bytes == 2 * tracer._caster.world.memory_bytes
         assert tracer._caster.calls._loans == {}
 
 

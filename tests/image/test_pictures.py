@@ -9,7 +9,7 @@ import clbvh
 from clbvh import Light
 from clbvh.choices import REPORT_SHADINGS
 from clbvh.errors import ConfigError, ValidationError
-from clbvh.rendering import painters as painters_module, picture as refine_module, world as brute_limit
+from clbvh.rendering import built_scene as brute_limit, painters as painters_module, picture as refine_module
 from clbvh.rendering.options import RenderOptions
 from clbvh.scene.transforms import Transform
 

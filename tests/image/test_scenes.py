@@ -13,7 +13,7 @@ from clbvh import Camera, Light, Mesh, Renderer, RenderOptions, Scene, Spheres
 from clbvh.builders.build import BUILDERS
 from clbvh.choices import REPORT_SHADINGS
 from clbvh.errors import ConfigError, SceneError, ValidationError
-from clbvh.rendering import painters as painters_module, world as brute_limit
+from clbvh.rendering import built_scene as brute_limit, painters as painters_module
 
 from ..concurrency.threads import run_in_threads
 
@@ -337,7 +337,7 @@ class TestRenderer:
         picture = clbvh.render(still_life(), VIEW, options=RenderOptions(builder="brute", validate=True))
         assert same_picture(picture, renderer.render())
         assert (picture.layout, picture.workers) == ("brute", 1)
-        top = picture.world.top
+        top = picture.scene.top
         assert (picture.report()["nodes"], picture.report()["depth"]) == (top.node_count, top.depth)
 
     def test_brute_refuses_a_scene_that_would_take_forever(self, monkeypatch):

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from clbvh.trace.scene import device_scene
 
 import clbvh
 from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.trace import device_tree
+from clbvh.trace.world.world import World
 
 from ..rays import centred, hard_rays
 
@@ -48,9 +47,8 @@ def as_on_gpus(monkeypatch):
     """A function; after its call, kernels are compiled as for a GPU."""
 
     def turn_on():
-        make_defines = device_tree.make_defines
-        for module in (device_tree, device_scene):
-            monkeypatch.setattr(module, "make_defines", lambda *sizes: make_defines(*sizes) | {"IS_GPU": 1})
+        defines = World.defines.func
+        monkeypatch.setattr(World, "defines", property(lambda world: defines(world) | {"IS_GPU": 1}))
 
     return turn_on
 

@@ -1,6 +1,7 @@
 """Few rays are cast on the host: with the device's answers to the last bit, and its errors."""
 
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from clbvh.errors import DeviceError, QueryError
 from clbvh.structs import NO_PRIM
 from clbvh.trace import launch
 from clbvh.trace.hits import closest
-from clbvh.trace.hits.closest import _cast_rays
+from clbvh.trace.hits.closest import CLOSEST_HIT
 from clbvh.trace.host.walk import count_steps
 from clbvh.trace.rays.batch import read_rays
+from clbvh.trace.rays.pieces import cut_batch, put_rays
 
 from ...profiles import seeds
 from ...rays import aim, axis_rays, centred, edge_midpoints, hard_rays, random_rays
@@ -111,9 +113,10 @@ class TestBits:
         mesh = centred(mesh)
         with Tracer(build(mesh), device=session.info, layout=layout) as tracer:
             batch, shape = read_rays(origins, directions, 0.0, np.inf)
-            for begin, found in _cast_rays(tracer._caster, launch.CLOSEST_HIT, batch, shape, None):
-                assert (begin, len(found)) == (0, len(origins))
-                t, is_hit = found["t"].copy(), found["prim_id"] != NO_PRIM
+            with tracer._caster.open_call() as call:
+                (piece,) = cut_batch(call, batch, shape)
+                with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
+                    t, is_hit = found["t"].copy(), found["prim_id"] != NO_PRIM
             any_number_here()
             hits = origins[is_hit], directions[is_hit]
             assert is_hit.sum() > 500
@@ -156,9 +159,9 @@ def test_steps_are_those_of_the_layout(session, mesh, rays, width):
     bvh = build(mesh)
     batch, _ = read_rays(*rays, 0.0, np.inf)
     with Tracer(bvh, device=session.info, layout=f"bvh{width}") as tracer:
-        caster = tracer._caster
-        counted = count_steps(caster.world.on_host(), caster.world.box, batch)
-        steps = closest.count_steps(caster, *rays)
+        world = tracer._caster.world
+        counted = count_steps(world.on_host(), world.box, batch)
+        steps = closest.count_steps(tracer._caster, *rays)
     assert counted == pytest.approx(steps["node_steps"].mean() + steps["leaf_visits"].mean())
     assert counted > 1
 
@@ -166,7 +169,8 @@ def test_steps_are_those_of_the_layout(session, mesh, rays, width):
 def test_the_steps_of_a_bad_ray_are_infinite(session, mesh):
     batch, _ = read_rays([[0, 0, 5], [np.nan, 0, 0]], [0, 0, -1], 0.0, np.inf)
     with Tracer(build(mesh), device=session.info, layout="bvh8") as tracer:
-        assert count_steps(tracer._caster.tree.on_host(), tracer._caster.box, batch) == np.inf
+        world = tracer._caster.world
+        assert count_steps(world.on_host(), world.box, batch) == np.inf
 
 
 class TestWhere:
@@ -218,9 +222,12 @@ class TestWhere:
             tracer.any_hit(rays[0][:3], rays[1][:3])
         assert launches == ["any_hit"]
 
-    def test_not_where_the_device_has_memory_of_its_own(self, session, mesh, rays, host_casts_few, launches):
+    def test_not_where_the_device_has_memory_of_its_own(
+        self, session, mesh, rays, host_casts_few, launches, monkeypatch
+    ):
         with Tracer(build(mesh), device=session.info, layout="bvh8") as tracer:
-            tracer._caster.tree._shares_memory = False
+            own_memory = replace(session.info, kind="gpu")
+            monkeypatch.setattr(tracer._caster.world.trees.session, "info", own_memory)
             tracer.closest_hit(rays[0][:3], rays[1][:3])
         assert launches == ["closest_hit"]
 

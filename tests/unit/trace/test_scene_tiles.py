@@ -1,5 +1,7 @@
 """Rays of a scene that begin where their tile's beam leads them hit what they hit from the root, byte for byte."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,8 @@ import clbvh
 from clbvh import Tracer
 from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.structs import ENTRY_POINT_LAYOUTS, TILE
-from clbvh.trace import launch
 from clbvh.trace.rays import pieces
+from clbvh.trace.world.world import World
 
 from ...profiles import seeds
 from ...property.random_scenes import KINDS, LINEAR, RAY_MASKS, make_scene, scale_scene
@@ -34,16 +36,16 @@ def small_pictures(monkeypatch):
 @pytest.fixture
 def tiles(monkeypatch):
     """The tiles that are found from now on, launch by launch."""
-    found, find = [], launch.find_entry_points
+    found, find = [], pieces.find_entry_points
 
-    def record(session, tree, kernel, buffer, work_size, tile, **arguments):
-        starts = find(session, tree, kernel, buffer, work_size, tile, **arguments)
+    def record(session, world, kernel, take, work_size, tile, **arguments):
+        starts = find(session, world, kernel, take, work_size, tile, **arguments)
         columns, rows = (-(-length // edge) for length, edge in zip(work_size, tile, strict=True))
         with session.mapped(starts["tiles"], columns * rows, TILE, write=False) as items:
             found.append(items.copy())
         return starts
 
-    monkeypatch.setattr(launch, "find_entry_points", record)
+    monkeypatch.setattr(pieces, "find_entry_points", record)
     return found
 
 
@@ -88,9 +90,9 @@ def check_all(device, scene, asked, tiles):
     for layout in ENTRY_POINT_LAYOUTS:
         with Tracer(scene, device=device.info, layout=layout) as tracer:
             for has_entry_points in (True, False):
-                tracer._caster.tree.has_entry_points = has_entry_points
                 before = len(tiles)
-                answers.append([ask(tracer, *rays, **limits) for rays, limits in asked(tracer)])
+                with patch.object(World, "has_entry_points", has_entry_points):
+                    answers.append([ask(tracer, *rays, **limits) for rays, limits in asked(tracer)])
                 assert (len(tiles) > before) == has_entry_points
     for others in answers[1:]:
         for (bits, _), (other, _) in zip(answers[0], others, strict=True):

@@ -17,8 +17,8 @@ from clbvh.device.session import DeviceSession
 from clbvh.errors import DeviceMemoryError, MeshError, QueryError
 from clbvh.layouts.refit_arrays import RefitArrays
 from clbvh.structs import LAYOUT_WIDTHS
-from clbvh.trace import device_tree as tree_buffers, device_tree as tree_copies
 from clbvh.trace.rays import pieces
+from clbvh.trace.world import changes, trees
 
 from ...concurrency.queries import ask, make_queries
 from ...deform import deform
@@ -53,7 +53,7 @@ def answers_of_new(bvh, vertices, layout="auto"):
 
 
 def strikes_at(line, work):
-    """Do some work with Ctrl-C before one of the lines that copies and their buffers run; false if there are fewer."""
+    """Do some work with Ctrl-C before one of the lines of a change run; false if there are fewer."""
     left = [line]
 
     def strike(frame, event, _):
@@ -65,7 +65,7 @@ def strikes_at(line, work):
         return strike
 
     def watch(frame, event, _):
-        return strike if frame.f_code.co_filename in (tree_copies.__file__, tree_buffers.__file__) else None
+        return strike if frame.f_code.co_filename in (changes.__file__, trees.__file__) else None
 
     traced = sys.gettrace()
     sys.settrace(watch)
@@ -207,7 +207,7 @@ class TestResources:
         monkeypatch.setattr(program, "_compile", lambda *given: compiled.append(given) or compile_now(*given))
         with Tracer(bvh, device=session.info) as tracer:
             once = tracer.memory_bytes
-            assert once == tracer._caster.tree.memory_bytes
+            assert once == tracer._caster.world.memory_bytes
             tracer.closest_hit([[0, 0, 9]], [[0, 0, -1]])
             tracer.update(deform(mesh, 0))
             sizes = record_allocations(monkeypatch)
@@ -310,7 +310,7 @@ class TestFailures:
             assert answers(tracer) == expected
             tracer.update(deform(mesh, 2))
             assert answers(tracer) == answers_of_new(bvh, deform(mesh, 2))
-            assert tracer.memory_bytes == 2 * tracer._caster.tree.memory_bytes
+            assert tracer.memory_bytes == 2 * tracer._caster.world.memory_bytes
 
     def test_a_device_without_room_for_a_copy(self, bvh, mesh, session, monkeypatch):
         with Tracer(bvh, device=session.info) as tracer:
@@ -342,7 +342,7 @@ class TestFailures:
                 tracer.update(deform(mesh, 2))
                 tracer.update(deform(mesh, 3))
                 assert session.buffer_count == 2 * buffers
-                assert tracer.memory_bytes == 2 * tracer._caster.tree.memory_bytes
+                assert tracer.memory_bytes == 2 * tracer._caster.world.memory_bytes
                 if line % 10 == 0:
                     assert answers(tracer) == answers_of_new(bvh, deform(mesh, 3))
             line += 1

@@ -8,9 +8,10 @@ from clbvh.errors import ConfigError
 from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.layouts.device_arrays import make_device_arrays
 from clbvh.structs import LAYOUT_WIDTHS, LAYOUTS, TRIANGLE
-from clbvh.trace.device_tree import DeviceTree, check_layout
+from clbvh.trace.world.trees import check_layout
 
-from ...chain import make_chain
+from ....chain import make_chain
+from ....worlds import open_mesh
 
 
 @pytest.fixture(scope="module")
@@ -20,44 +21,44 @@ def bvh():
 
 @pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
 def test_a_tree_is_uploaded_in_its_layout(session, bvh, layout):
-    tree = DeviceTree(session, bvh.mesh, bvh, layout)
+    world = open_mesh(session, bvh.mesh, bvh, layout)
     arrays = make_device_arrays(bvh, layout)
-    nodes, blocks, count = (tree.arguments[name] for name in ("nodes", "blocks", "block_count"))
+    nodes, blocks, count = (world.arguments[name] for name in ("nodes", "blocks", "block_count"))
     assert count == len(arrays.blocks)
     for buffer, expected in ((nodes, arrays.nodes), (blocks, arrays.blocks)):
         obtained = np.empty_like(expected)
         session.download(buffer, obtained)
         assert obtained.tobytes() == expected.tobytes()
-    assert tree.memory_bytes == arrays.nodes.nbytes + arrays.blocks.nbytes
-    assert tree.defines["LAYOUT"] == LAYOUTS[layout]
-    assert arrays.stack_size <= tree.defines["STACK_SIZE"] == {"bvh2": 32, "bvh4": 64, "bvh8": 96}[layout]
+    assert world.memory_bytes == arrays.nodes.nbytes + arrays.blocks.nbytes
+    assert world.defines["LAYOUT"] == LAYOUTS[layout]
+    assert arrays.stack_size <= world.defines["STACK_SIZE"] == {"bvh2": 32, "bvh4": 64, "bvh8": 96}[layout]
 
 
 @pytest.mark.parametrize(("triangles", "stack_size"), [(1, 32), (2, 32), (33, 32), (34, 48), (49, 48), (50, 64)])
 def test_the_stack_holds_the_depth_of_the_tree(session, triangles, stack_size):
     mesh, chain = make_chain(triangles, "right")
     assert chain.depth == triangles - 1
-    assert DeviceTree(session, mesh, chain, "bvh2").defines == {"LAYOUT": LAYOUTS["bvh2"], "STACK_SIZE": stack_size}
+    assert open_mesh(session, mesh, chain, "bvh2").defines["STACK_SIZE"] == stack_size
 
 
 def test_a_tree_that_is_too_deep_is_refused(session):
-    assert DeviceTree(session, *make_chain(1025, "left"), "bvh2").defines["STACK_SIZE"] == 1024
+    assert open_mesh(session, *make_chain(1025, "left"), "bvh2").defines["STACK_SIZE"] == 1024
     with pytest.raises(ConfigError, match="the tree is 1025 levels deep: as bvh2 it needs a stack of 1025 entries"):
-        DeviceTree(session, *make_chain(1026, "left"), "bvh2")
+        open_mesh(session, *make_chain(1026, "left"), "bvh2")
 
 
 def test_without_a_tree_there_are_triangles_only(session, bvh):
-    tree = DeviceTree(session, bvh.mesh, None)
-    assert tree.layout == "brute"
-    assert tree.defines == {"LAYOUT": LAYOUTS["brute"], "STACK_SIZE": 16}
-    assert tree.memory_bytes == bvh.mesh.face_count * TRIANGLE.itemsize
+    world = open_mesh(session, bvh.mesh)
+    assert world.layout == "brute"
+    assert (world.defines["LAYOUT"], world.defines["STACK_SIZE"]) == (LAYOUTS["brute"], 16)
+    assert world.memory_bytes == bvh.mesh.face_count * TRIANGLE.itemsize
     triangles = np.empty(bvh.mesh.face_count, TRIANGLE)
-    session.download(tree.arguments["blocks"], triangles)
+    session.download(world.arguments["blocks"], triangles)
     np.testing.assert_array_equal(triangles["prim_id"], np.arange(bvh.mesh.face_count))
 
 
 def test_auto_takes_what_suits_the_device(session, bvh):
-    assert DeviceTree(session, bvh.mesh, bvh, "auto").layout == session.info.layout
+    assert open_mesh(session, bvh.mesh, bvh, "auto").layout == session.info.layout
 
 
 @pytest.mark.parametrize("layout", ["brute", "bvh3", ""])
@@ -65,4 +66,4 @@ def test_unknown_layouts_are_refused(session, bvh, layout):
     with pytest.raises(ConfigError, match=rf"one of auto, bvh2.*, not '{layout}'$"):
         check_layout(layout)
     with pytest.raises(ConfigError):
-        DeviceTree(session, bvh.mesh, bvh, layout)
+        open_mesh(session, bvh.mesh, bvh, layout)

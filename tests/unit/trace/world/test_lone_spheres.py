@@ -29,7 +29,7 @@ def scene_of(*shapes, mask=0xFFFFFFFF, transform=None):
 
 def is_alone(tracer):
     """Whether rays are cast without instances."""
-    return not tracer._caster.of_rays.tree.has_instances
+    return tracer._caster.world.is_lone
 
 
 def rays_down(spheres):
