@@ -44,8 +44,9 @@ from .transforms import check_transforms
 
 FORMAT_VERSION = 1
 
+_Kind = Literal["mesh", "spheres"]
 # By the kinds of shapes: the class, and its arrays.
-_KINDS: dict[str, tuple[type[Shape], tuple[str, str]]] = {
+_KINDS: dict[_Kind, tuple[type[Shape], tuple[str, str]]] = {
     "mesh": (Mesh, ("vertices", "faces")),
     "spheres": (Spheres, ("centres", "radii")),
 }
@@ -93,7 +94,7 @@ _Material = material_table(Annotated[int, Meta(ge=0)])
 
 
 class _Geometry(Struct, forbid_unknown_fields=True):
-    kind: Literal["mesh", "spheres"]
+    kind: _Kind
     name: str
     shape_name: str
     parts: list[tuple[str, int, int]]
@@ -132,30 +133,24 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
     arrays: dict[str, Any] = {f"texture_{number}": texture.pixels for texture, number in numbers.items()}
     geometries = []
     for number, (shape, name, look) in enumerate(zip(state.shapes, state.names, looks, strict=True)):
-        kind = "mesh" if isinstance(shape, Mesh) else "spheres"
+        kind: _Kind = "mesh" if isinstance(shape, Mesh) else "spheres"
         found = {each: getattr(shape, each) for each in _KINDS[kind][1]}
         found |= {each: getattr(look, each) for each in _LOOKS_ARRAYS}
         arrays |= {f"geometry_{number}_{each}": values for each, values in found.items() if values is not None}
-        geometries.append(
-            {
-                "kind": kind,
-                "name": name,
-                "shape_name": str(shape.name),
-                "parts": shape.parts if isinstance(shape, Mesh) else (),
-                "materials": [_describe(material, numbers) for material in look.materials],
-            }
-        )
-    text = {
-        "format": FORMAT_VERSION,
-        "geometries": geometries,
-        "textures": [{"name": str(each.name), "is_srgb": each.is_srgb, "wrap": each.wrap} for each in textures],
-        "materials": [_describe(material, numbers) for material in state.materials],
-        "instance_names": state.instance_names,
-        "settings": {name: value for name, value in settings.items() if not isinstance(value, np.ndarray)},
-    }
+        parts: list[tuple[str, int, int]] = [*shape.parts] if isinstance(shape, Mesh) else []
+        described = [_describe(material, numbers) for material in look.materials]
+        geometries.append(_Geometry(kind, name, str(shape.name), parts, described))
+    text = _Text(
+        FORMAT_VERSION,
+        geometries,
+        [_Texture(str(each.name), each.is_srgb, each.wrap) for each in textures],
+        [_describe(material, numbers) for material in state.materials],
+        list(state.instance_names),
+        {name: value for name, value in settings.items() if not isinstance(value, np.ndarray)},
+    )
     arrays |= {name: getattr(state, name) for name in _INSTANCE_ARRAYS}
     arrays |= {_SETTING + name: value for name, value in settings.items() if isinstance(value, np.ndarray)}
-    first = {SAVED_SCENE: np.frombuffer(json.dumps(text).encode(), np.uint8)}
+    first = {SAVED_SCENE: np.frombuffer(json.dumps(text, default=msgspec.structs.asdict).encode(), np.uint8)}
     write_atomically(as_path(path), lambda file: np.savez(file, **first | arrays))
 
 

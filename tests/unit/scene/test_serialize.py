@@ -117,6 +117,15 @@ class TestRoundTrip:
         scene.save(tmp_path / "a.scene")
         same(scene, clbvh.Scene.load(tmp_path / "a.scene"))
 
+    def test_numbers_and_texts_of_numpy_come_back(self, tmp_path):
+        scene = clbvh.Scene()
+        scene.place(scene.add(MESH, name=np.str_("a")), name=np.str_("b"))
+        camera = clbvh.Camera(tuple(np.linspace(1, 2, 3)), (0, 0, 0), fov=np.float64(40.5)).orbit(30)
+        clbvh.save_scene(tmp_path / "a.scene", scene, clbvh.View(camera=camera))
+        loaded, view = clbvh.open_scene(tmp_path / "a.scene")
+        same(scene, loaded)
+        assert view.camera == camera
+
     def test_odd_names_come_back(self, tmp_path):
         scene = clbvh.Scene()
         wanted = ['"', "\\", "a\n", "\0", "ß \U0001f600", "a" * 5000]
