@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MeshError
 from .appearance.appearance import Appearance
-from .appearance.material import OPAQUE, Material, Texture
+from .appearance.material import OPAQUE, Material, Texture, copy_with_alpha
 from .appearance.srgb import srgb_to_linear
 from .loading.file_mesh import Problems, finish_looks, spread_colours, spread_uvs
 from .loading.load import load_mesh
@@ -54,7 +54,7 @@ def read_trimesh_looks(mesh: Any, faces: NDArray[np.integer], name: str) -> Appe
             colours = _as_colours(visual.face_colors)
             if len(colours) != len(faces):
                 raise MeshError(f"there are {len(colours):,} for {len(faces):,} faces")
-            looks["colours"] = spread_colours(colours, np.repeat(np.arange(len(faces))[:, None], 3, axis=1))
+            looks["colours"] = np.repeat(colours[:, None], 3, axis=1)
     if kind == "texture":
         if getattr(visual, "uv", None) is not None:
             with problems.drop("the texture coordinates"):
@@ -76,9 +76,7 @@ def _as_colours(values: Any) -> NDArray[np.uint8]:
     colours = np.asarray(values)
     if colours.dtype != np.uint8 or colours.ndim != 2 or colours.shape[1] not in (3, 4):
         raise MeshError(f"they are {colours.dtype} of shape {colours.shape}, not uint8 of shape (n, 4)")
-    if colours.shape[1] == 3:
-        colours = np.column_stack((colours, np.full(len(colours), OPAQUE, np.uint8)))
-    return np.ascontiguousarray(colours)
+    return copy_with_alpha(colours)
 
 
 def _make_material(material: Any, textures: dict[tuple[int, bool, bool], Texture]) -> Material:

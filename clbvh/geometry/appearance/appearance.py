@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import MeshError
 from ..arrays import as_array, check_numbers
-from .material import OPAQUE, Material
+from .material import Material, copy_with_alpha
 
 _LEAST_SQUARE, _MOST_SQUARE = 1e-200, 1e200
 
@@ -300,9 +300,7 @@ def _check_colours(values: ArrayLike) -> NDArray[np.uint8]:
         raise MeshError(f"colours must be uint8, from 0 to 255, not {array.dtype}")
     if array.ndim not in (2, 3) or array.shape[-1] not in (3, 4) or (array.ndim == 3 and array.shape[1] != 3):
         raise MeshError(f"colours must have shape (F, 3, 4), or (n, 4) for spheres, not {array.shape}")
-    copied = np.full((*array.shape[:-1], 4), OPAQUE, np.uint8)
-    copied[..., : array.shape[-1]] = array
-    return copied
+    return copy_with_alpha(array)
 
 
 def _check_ids(values: ArrayLike) -> NDArray[np.int32]:

@@ -112,9 +112,15 @@ def _check_pixels(pixels: ArrayLike, name: str) -> NDArray[np.uint8]:
             f"texture {name}: {array.shape[1]:,} x {array.shape[0]:,} pixels are more than {MAX_TEXTURE_SIDE:,} on a "
             "side: make the picture smaller"
         )
-    copied = np.full((*array.shape[:2], 4), OPAQUE, np.uint8)
-    copied[..., : array.shape[2]] = array
+    copied = copy_with_alpha(array)
     copied.flags.writeable = False
+    return copied
+
+
+def copy_with_alpha(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return a copy of colours, (..., 4); those without an alpha, (..., 3), are opaque."""
+    copied = np.full((*colours.shape[:-1], 4), OPAQUE, np.uint8)
+    copied[..., : colours.shape[-1]] = colours
     return copied
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ...errors import AppearanceWarning, MeshError, shorten_message
 from ...support.files import read_regular
 from ..appearance.appearance import Appearance, find_flat_normals, make_unchecked, normalize
-from ..appearance.material import Material
+from ..appearance.material import Material, copy_with_alpha
 from ..appearance.srgb import to_bytes
 from ..mesh import Part, check_face_count
 
@@ -214,9 +214,7 @@ def join_channels(channels: list[NDArray[np.number]], dtype: np.dtype) -> NDArra
         else:
             most = _MAX_BYTE if len(numbers) and np.nanmax(numbers, initial=0) > 1 else 1
         values = to_bytes(numbers / np.float32(most))
-    if values.shape[1] == 3:
-        values = np.column_stack((values, np.full(len(values), _MAX_BYTE, np.uint8)))
-    return np.ascontiguousarray(values)
+    return copy_with_alpha(values)
 
 
 def check_ids(ids: NDArray[np.integer], count: int) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...errors import MeshError
 from ..appearance.appearance import Appearance, make_unchecked
-from ..appearance.material import OPAQUE, Material, Texture
+from ..appearance.material import OPAQUE, Material, Texture, copy_with_alpha
 from ..appearance.srgb import linear_to_srgb_bytes, to_bytes
 from .file_mesh import Problems, spread_colours, spread_normals, spread_uvs
 from .gltf_data import GltfData, get_list, get_object, get_whole
@@ -95,8 +95,7 @@ class GltfLooks:
     ) -> NDArray[np.uint8]:
         """Return the colours of corners in sRGB; in the file they are linear."""
         linear = self._read(accessor, (3, 4), points)
-        colours = np.full((len(linear), 4), OPAQUE, np.uint8)
-        colours[:, :3] = linear_to_srgb_bytes(linear[:, :3])
+        colours = copy_with_alpha(linear_to_srgb_bytes(linear[:, :3]))
         if linear.shape[1] == 4 and not is_opaque:
             colours[:, 3] = to_bytes(linear[:, 3])
         return spread_colours(colours, faces)

@@ -107,14 +107,16 @@ def _make_material(name: bytes, words: _Words, textures: TextureFiles, folder: P
 
     mask = _read_texture(words, b"map_d", textures, folder, is_srgb=False)
     light = _read_texture(words, b"map_ke", textures, folder, is_srgb=True)
-    emission = _read_light(words)
+    red, green, blue = (max(0.0, number) for number in _read_numbers(words.get(b"ke", [b"0"])))
+    if light is not None and red == green == blue == 0:
+        red = green = blue = 1.0
     return Material(
         name=name.decode("utf-8", "replace"),
         base_colour=(float(base[0]), float(base[1]), float(base[2])),
         alpha=_limit(alpha),
         metallic=_limit(metallic),
         roughness=_limit(roughness),
-        emission=(1.0, 1.0, 1.0) if light is not None and max(emission) == 0 else emission,
+        emission=(red, green, blue),
         ior=max(1.0, _read_number(words, b"ni", 1.5)),
         transmission=transmission,
         base_colour_texture=_join_alpha(texture, mask),
@@ -131,11 +133,6 @@ def _find_roughness(words: _Words, specular: list[float] | None) -> float:
     if b"ns" in words:
         return (2 / (max(0.0, _read_number(words, b"ns", 0)) + 2)) ** 0.25
     return Material.roughness
-
-
-def _read_light(words: _Words) -> tuple[float, float, float]:
-    red, green, blue = (max(0.0, number) for number in _read_numbers(words.get(b"ke", [b"0"])))
-    return red, green, blue
 
 
 def _read_colour(words: _Words, key: bytes) -> list[float] | None:

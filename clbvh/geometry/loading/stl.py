@@ -21,7 +21,7 @@ from ..appearance.appearance import Appearance
 from ..appearance.material import OPAQUE, Material
 from ..appearance.srgb import linear_to_srgb_bytes
 from ..topology import find_equal_points
-from .file_mesh import FileMesh, Problems, finish_looks, is_binary_stl, read_table, spread_colours
+from .file_mesh import FileMesh, Problems, finish_looks, is_binary_stl, read_table
 
 _HEADER_BYTES = 80
 
@@ -91,5 +91,4 @@ def _read_colours(header: bytes, attributes: NDArray[Any]) -> Appearance | None:
     for channel, shift in enumerate(channels):
         shares = (attributes[has_own] >> shift & _MOST).astype(np.uint32)
         colours[has_own, channel] = (shares * OPAQUE + _MOST // 2) // _MOST
-    corners = np.repeat(np.arange(len(colours))[:, None], 3, axis=1)
-    return finish_looks({"colours": spread_colours(colours, corners)}, [])
+    return finish_looks({"colours": np.repeat(colours[:, None], 3, axis=1)}, [])
