@@ -128,6 +128,7 @@ _Columns = Mapping[str, _Column]
 
 def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
     """Return the mesh of a PLY file: vertices (V, 3), in the file's own type, faces (F, 3), and its looks."""
+    # The header, and the rows of all elements.
     header, byte_order, elements, begin = _read_header(data)
     read_rows = _read_rows
     if byte_order == "=":
@@ -141,6 +142,7 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
     if data[begin:].strip():
         raise MeshError("the file goes on behind the end that its header declares, so one of the two is damaged")
 
+    # The vertices, and the corners of all polygons or strips.
     if not columns:
         return FileMesh("", np.empty((0, 3)), np.empty((0, 3), np.int64))
     if not {"x", "y", "z"} <= columns.get("vertex", {}).keys():
@@ -163,11 +165,12 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
     else:
         faces = cut_fans(ids, sizes)
         report_edges(sizes, problems)
+
+    # The looks: values at corners, a white material for each texture, and the texture of each face.
     looks = _read_looks(columns["vertex"], of_faces, vertices, faces, sizes, problems)
     materials: list[Material] = []
     if "uvs" in looks and (names := [name.decode("utf-8", "replace") for name in _TEXTURE.findall(header)]):
         textures = TextureFiles(file.parent, problems)
-        # A white material for each texture.
         white = (1.0, 1.0, 1.0)
         materials = [Material(name, white, base_colour_texture=textures.read(name, is_srgb=True)) for name in names]
         if len(materials) > 1 and _TEXTURE_ID in of_faces:
