@@ -57,14 +57,16 @@ class Boxes(LocalFrame):
         MeshError
             A corner is not finite, or the boxes together are too small or too large, see `Mesh.from_arrays`.
         """
-        with np.errstate(over="ignore", invalid="ignore"):  # refused below
-            growth = _GROWTH * float(np.max(upper.max(axis=0) / 2 - lower.min(axis=0) / 2))
-            corners = np.stack((lower - growth, upper + growth), axis=1)
-        if not np.isfinite(corners).all():
+        least, greatest = find_bounds(lower)[0], find_bounds(upper)[1]
+        if not (np.isfinite(least) & np.isfinite(greatest)).all():
             raise MeshError(f"{name}: a corner of the box around them is not finite: give it in another unit")
-        points = corners.reshape(-1, 3)
-        origin, scale = find_frame(*find_bounds(points), name, subject="the group is")
-        return cls(shift_and_scale(points, origin, scale).reshape(corners.shape), origin, scale, name)
+        growth = _GROWTH * float(np.max(greatest / 2 - least / 2))
+        with np.errstate(over="ignore"):  # refused by find_frame
+            origin, scale = find_frame(least - growth, greatest + growth, name, subject="the group is")
+        corners = np.empty((len(lower), 2, 3), np.float32)
+        corners[:, 0] = shift_and_scale(lower - growth, origin, scale)
+        corners[:, 1] = shift_and_scale(upper + growth, origin, scale)
+        return cls(corners, origin, scale, name)
 
     @property
     def prim_count(self) -> int:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ...bvh import Bvh
 from ...errors import SceneError
 from ...geometry.corners import Boxes
+from ...geometry.local_frame import find_bounds
 from ...layouts.device_arrays import make_bvh2_nodes
 from ...structs import INSTANCE, NODE, NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
 from ...support.compiled import compiled
@@ -88,7 +89,7 @@ def find_boxes(arrays: SurfaceArrays) -> tuple[NDArray[np.float64], NDArray[np.f
     """
     lower, upper = np.empty(arrays.offset.shape), np.empty(arrays.offset.shape)
     _find_boxes(arrays, lower, upper)
-    growth = _SCENE_GROWTH * float(np.max(upper.max(axis=0) / 2 - lower.min(axis=0) / 2))
+    growth = _SCENE_GROWTH * float(np.max(find_bounds(upper)[1] / 2 - find_bounds(lower)[0] / 2))
     lower -= growth
     upper += growth
     return lower, upper
