@@ -99,10 +99,6 @@ PACKED_RAY_T_MIN = _lane(PACKED_RAY, "t_min")
 PACKED_RAY_DIRECTION = _lane(PACKED_RAY, "direction")
 PACKED_RAY_T_MAX = _lane(PACKED_RAY, "t_max")
 
-# A point as it is uploaded, in local coordinates.
-PACKED_POINT = np.dtype([("position", "f4", 3)])
-PACKED_POINT_LANES = _lane_count(PACKED_POINT)
-
 # A hit at (1 - u - v) a + u b + v c. On a miss t is infinite and prim_id is NO_PRIM.
 HIT = np.dtype([("t", "f4"), ("u", "f4"), ("v", "f4"), ("prim_id", "i4")])
 HIT_U = _lane(HIT, "u")
@@ -119,13 +115,13 @@ RAY_LOW = np.dtype([("origin", "f4", 3), ("mask", "u4"), ("direction", "f4", 3),
 RAY_LOW_LANES = _lane_count(RAY_LOW)
 RAY_LOW_DIRECTION = _lane(RAY_LOW, "direction")
 
-# A point in a scene, in the scene's local coordinates, and what float32 has rounded off it. Only the instances whose
-# mask shares a bit with the point's are visible to it.
-SCENE_POINT = np.dtype([("position", "f4", 3), ("mask", "u4"), ("position_low", "f4", 3), ("spare", "f4")])
-SCENE_POINT_LANES = _lane_count(SCENE_POINT)
-SCENE_POINT_MASK = _lane(SCENE_POINT, "mask")
-SCENE_POINT_POSITION_LOW = _lane(SCENE_POINT, "position_low")
-SCENE_POINT_SPARE = _lane(SCENE_POINT, "spare")
+# A point as it is uploaded, in local coordinates, and what float32 has rounded off it. Only the instances whose mask
+# shares a bit with the point's are visible to it; a lone shape is to all masks but 0, and uses no low part.
+PACKED_POINT = np.dtype([("position", "f4", 3), ("mask", "u4"), ("position_low", "f4", 3), ("spare", "f4")])
+PACKED_POINT_LANES = _lane_count(PACKED_POINT)
+PACKED_POINT_MASK = _lane(PACKED_POINT, "mask")
+PACKED_POINT_POSITION_LOW = _lane(PACKED_POINT, "position_low")
+PACKED_POINT_SPARE = _lane(PACKED_POINT, "spare")
 
 # A placed geometry: 128 bytes, two cache lines. Matrices are by rows.
 INSTANCE = np.dtype(
@@ -433,7 +429,7 @@ DEVICE_STRUCTS = {
     "ray_low_t": RAY_LOW,
     "instance_t": INSTANCE,
     "metric_record_t": METRIC,
-    "scene_point_t": SCENE_POINT,
+    "packed_point_t": PACKED_POINT,
     "hemisphere_t": HEMISPHERE,
     "tile_t": TILE,
     "world_hit_t": WORLD_HIT,

@@ -185,6 +185,20 @@ INLINED void sort_hits(const search_t *search)
     }
 }
 
+// Adds a hit to a heap with room for `most` hits, unless they come before it; returns their number.
+INLINED int keep_first(global kept_hit_t *heap, const int count, const int most, const kept_hit_t hit)
+{
+    if (count < most) {
+        append_hit(heap, count, hit);
+        return count + 1;
+    }
+    const kept_hit_t farthest = heap[0];
+    if (comes_first(&hit, &farthest)) {
+        sink_hit(heap, count, 0, hit);
+    }
+    return count;
+}
+
 // Adds a crossing between the ray's t_min and t_max to the answer.
 INLINED void add_crossing(search_t *search, const crossing_t crossing, const int query)
 {
@@ -198,13 +212,7 @@ INLINED void add_crossing(search_t *search, const crossing_t crossing, const int
             search->nearest = crossing;
             search->count++;
         }
-    } else if (search->count < search->max_count) {
-        append_hit(search->heap, search->count++, as_kept_hit(search, &crossing));
     } else {
-        const kept_hit_t hit = as_kept_hit(search, &crossing);
-        const kept_hit_t farthest = search->heap[0];
-        if (comes_first(&hit, &farthest)) {
-            sink_hit(search->heap, search->count, 0, hit);
-        }
+        search->count = keep_first(search->heap, search->count, search->max_count, as_kept_hit(search, &crossing));
     }
 }

@@ -7,7 +7,7 @@
 #include "instances/surface.cl"
 
 #include "instances/containing.cl"
-#include "instances/nearest.cl"
+#include "world/nearest.cl"
 
 // Roundings of float32 between a point and the t of a primitive, and on the way into an instance, by that page: 40 and
 // 16, and room for the rounding of the corners, of a sphere's radius and of the normal that the user gives.
@@ -45,17 +45,15 @@ INLINED float lift_over_instance(
 }
 
 // The largest of the distances for the visible instances around a point.
-INLINED float lift_over_instances(
-    const global bvh2_node_t *top_nodes, const global instance_t *instances, const point_pair_t *point,
-    const float3 normal)
+INLINED float lift_over_instances(const world_t *world, const point_pair_t *point, const float3 normal)
 {
     float lift = 0.0f;
     instance_walk_t walk;
-    begin_walk(&walk, top_nodes, point->position);
-    for (int index = next_containing(&walk, top_nodes, point->position); index >= 0;
-         index = next_containing(&walk, top_nodes, point->position)) {
-        if (is_visible(point, instances + index)) {
-            lift = larger(lift, lift_over_instance(instances + index, point, normal));
+    begin_walk(&walk, world->top_nodes, point->position);
+    for (int index = next_containing(&walk, world->top_nodes, point->position); index >= 0;
+         index = next_containing(&walk, world->top_nodes, point->position)) {
+        if (is_visible(point, world->instances + index)) {
+            lift = larger(lift, lift_over_instance(world->instances + index, point, normal));
         }
     }
     return lift;

@@ -1,23 +1,22 @@
-// The nearest triangle of each point; of equally near ones the smallest prim_id.
+// The nearest primitive of each point; of equally near ones that of the smallest instance_id, and then the smallest
+// prim_id.
 //
-// nodes[node_count]           node_t: the tree in its layout, see clbvh/structs.py
-// blocks[block_count]         block_t: triangles in leaf order, local coordinates
-// points[3 * point_count]     float: local coordinates
-// prim_ids[point_count]       written: NO_PRIM if all triangles are degenerate
+// Shared arguments: see cl/world/world.cl and cl/world/points.cl.
+// metrics[]              see cl/world/nearest.cl
+// prims[point_count]     written: NO_PRIM where no proper primitive is visible
 //
 // Work-items: (point_count), rounded up to whole work-groups.
 
-#include "nearest/nearest.cl"
-#include "world/world.cl"
+#include "world/nearest.cl"
 
-kernel void closest_point(
-    WORLD_ARGUMENTS, const global float *restrict points, global int *restrict prim_ids, const int point_count)
+kernel void closest_point(WORLD_ARGUMENTS, POINT_ARGUMENTS, 
+    const global metric_record_t *restrict metrics, global world_prim_t *restrict prims)
 {
-    const int point = get_global_id(0);
-    if (point >= point_count) {
+    const int index = get_global_id(0);
+    if (index >= point_count) {
         return;
     }
-    nearest_t nearest = make_nearest(vload3(point, points));
-    find_nearest(nodes, blocks, block_count, &nearest);
-    prim_ids[point] = nearest.prim_id;
+    const world_t world = WORLD(root_of(nodes));
+    const point_pair_t point = unpack_point(points + index);
+    prims[index] = find_world_nearest(&world, metrics, &point, no_heap()).prim;
 }

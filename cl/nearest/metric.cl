@@ -1,14 +1,72 @@
-// Distances within an instance are those of the scene: corners are moved into the scene, with the point at zero. A box
-// becomes a parallelepiped there. It is measured in rotated axes, in which the map is
-// triangular (METRIC in clbvh/structs.py), by the box around it. That box is the parallelepiped itself if the map scales
-// along the local axes and rotates then; for any map, the two differ by no more than their own size.
+// A shape as seen from a point, which is at zero.
 //
-// Lengths are in units of the metric: the power of two that brings the way to the instance, or its radius, to about
-// 1, so that no product leaves float32, however small the instance is.
+// The slack of a metric is a bound on the error of a primitive's distance minus that of its box. No coordinate within a
+// shape is above 1. The distance of a triangle has 16 roundings relative to the farthest corner: one of the difference
+// to the point, seven of the weighted sum of corners, three of its length, and those of the box's distance. That of a
+// sphere has ten, six of them those of a square root by OpenCL's bound; the root of its square has seven more, and the
+// box's distance three. A limit on the box's distance has four, and a lower bound of the distance three.
+//
+// LONE, see world/world.cl, as 0: the shape is that of an instance. Distances within it are those of the world: corners
+// are moved into the world, with the point at zero. A box becomes a parallelepiped there. It is measured in rotated
+// axes, in which the map is triangular (METRIC in clbvh/structs.py), by the box around it. That box is the
+// parallelepiped itself if the map scales along the local axes and rotates then; for any map, the two differ by no more
+// than their own size. Lengths are in units of the metric: the power of two that brings the way to the instance, or its
+// radius, to about 1, so that no product leaves float32, however small the instance is. The slack has room for the
+// roundings of the rotated axes, and for a shear that is left out, which counts as 8.
 
-#include "instances/instance.cl"
+// keep: defines LONE, and is expanded before the branches
+#include "structs.cl"
 #include "math/vectors.cl"
 #include "nearest/point_triangle.cl"
+#if !LONE
+#include "instances/instance.cl"
+#endif
+
+#define LONE_SLACK ERROR_BOUND(32)
+#define METRIC_SLACK ERROR_BOUND(64)
+
+INLINED float sum_of(const float3 v)
+{
+    return v.x + v.y + v.z;
+}
+
+#if LONE
+
+typedef struct {
+    float3 point;
+    float slack;
+} metric_t;
+
+// The metric of a lone shape for a point, both in its local coordinates.
+INLINED metric_t make_lone_metric(const float3 point)
+{
+    const metric_t metric = {point, LONE_SLACK * (sum_of(magnitude(point)) + 3.0f)};
+    return metric;
+}
+
+// A point of the shape, relative to the point. A corner that two triangles share has the same bits in both.
+INLINED point_t place_point(const metric_t *metric, const real_t x, const real_t y, const real_t z)
+{
+    const point_t result = {x - metric->point.x, y - metric->point.y, z - metric->point.z};
+    return result;
+}
+
+INLINED real_t way_along_axis(const real_t lower, const real_t upper)
+{
+    return LARGER(LARGER(lower, -upper), (real_t)(0.0f));
+}
+
+// How far a box is from the point, along each axis; 0 where the point is within.
+INLINED point_t way_to_box(const metric_t *metric, const point_t aabb_min, const point_t aabb_max)
+{
+    const point_t lower = place_point(metric, aabb_min.x, aabb_min.y, aabb_min.z);
+    const point_t upper = place_point(metric, aabb_max.x, aabb_max.y, aabb_max.z);
+    const point_t way = {
+        way_along_axis(lower.x, upper.x), way_along_axis(lower.y, upper.y), way_along_axis(lower.z, upper.z)};
+    return way;
+}
+
+#else
 
 typedef struct {
     float to_scene[3][3];  // from the geometry's local coordinates into the scene, by rows
@@ -19,7 +77,7 @@ typedef struct {
     float3 shear;    // above it: of y to x, of z to x and of z to y
     bool is_sheared;
     float3 start;  // the offset
-    float slack;   // bound on the error of a primitive's distance minus that of its box
+    float slack;
 #if HAS_SPHERES
     const global metric_record_t *record;
 #endif
@@ -66,24 +124,12 @@ INLINED point_t way_to_box(const metric_t *metric, const point_t aabb_min, const
     return way;
 }
 
-INLINED float sum_of(const float3 v)
-{
-    return v.x + v.y + v.z;
-}
-
 // The way from a point to the zero of an instance's local coordinates.
 INLINED float3 way_to_instance(const global instance_t *instance, const float3 position, const float3 position_low)
 {
     float3 low;
     const float3 way = add_exactly(load3(instance->centre), -position, &low);
     return way + (low + (load3(instance->centre_low) - position_low));
-}
-
-// Bound on the error of a primitive's distance minus that of its box. No coordinate within the geometry is above 1; a
-// distance has about 16 roundings, see NEAREST_SLACK, a rotated offset 4, and a shear that is left out counts as 8.
-INLINED float find_slack(const float3 offset, const float reach)
-{
-    return ERROR_BOUND(64) * (sum_of(magnitude(offset)) + reach);
 }
 
 // Makes the metric of an instance for a point, given the way from the point to the instance.
@@ -104,7 +150,7 @@ make_metric(const global instance_t *instance, const global metric_record_t *rec
     metric.shear = unit * load3(record->shear);
     metric.is_sheared = record->is_sheared;
     metric.start = transform_vector(record->turn, metric.offset);
-    metric.slack = find_slack(metric.offset, unit * record->reach);
+    metric.slack = METRIC_SLACK * (sum_of(magnitude(metric.offset)) + unit * record->reach);
 #if HAS_SPHERES
     metric.record = record;
 #endif
@@ -112,12 +158,14 @@ make_metric(const global instance_t *instance, const global metric_record_t *rec
 }
 
 #if HAS_SPHERES
-// Makes the metric of a geometry's own local coordinates.
-INLINED metric_t make_local_metric(const float3 position)
+// The metric of a shape for a point, both in the shape's local coordinates.
+INLINED metric_t make_lone_metric(const float3 point)
 {
     const metric_t metric = {
-        {{1.0f, 0.0f, 0.0f}, {0.0f, 1.0f, 0.0f}, {0.0f, 0.0f, 1.0f}}, -position, 1.0f, (float3)(1.0f), (float3)(0.0f),
-        false, -position, find_slack(position, 3.0f), 0};
+        {{1.0f, 0.0f, 0.0f}, {0.0f, 1.0f, 0.0f}, {0.0f, 0.0f, 1.0f}}, -point, 1.0f, (float3)(1.0f), (float3)(0.0f),
+        false, -point, METRIC_SLACK * (sum_of(magnitude(point)) + 3.0f), 0};
     return metric;
 }
+#endif
+
 #endif

@@ -8,10 +8,7 @@
 #include "nearest/point_triangle.cl"
 #include "nearest/search.cl"
 #if HAS_SPHERES
-#include "nearest/point_sphere.cl"
-#if !LONE
-#include "nearest/placed_sphere.cl"
-#endif
+#include "nearest/sphere.cl"
 #endif
 #if LAYOUT == LAYOUT_BVH2 || LAYOUT == LAYOUT_BRUTE
 #include "nearest/single.cl"

@@ -1,70 +1,91 @@
-// A point, and the nearest primitive found so far.
+// A point, and the nearest primitives found so far: one, or as many as a heap has room for.
 //
-// In local coordinates the mesh is about as large as 1, so that no product leaves float32. Triangles are translated so
+// In local coordinates a shape is about as large as 1, so that no product leaves float32. Triangles are translated so
 // that the point is zero. Corners and edges shared by two triangles then have the same coordinates in both, hence the
 // same distance, bit for bit; of equally near triangles the smaller prim_id wins, so the order of the tests does not
 // matter.
 //
-// HAS_SPHERES, if defined as 1: the primitives may be spheres, and `kind` says whether they are. make_nearest leaves it
-// at triangles.
+// HAS_SPHERES, if defined as 1: the primitives may be spheres, and `kind` says whether they are.
 //
-// LONE, see world/world.cl, defined as 0: the tree is that of an instance, and distances are those of the world, see
-// nearest/metric.cl.
+// Whether there is a heap is a constant wherever these functions are called, so inlining removes the code of the other.
 
+// keep: defines LONE
 #include "structs.cl"
+#include "hits/search.cl"
 #include "math/vectors.cl"
-#if !LONE
 #include "nearest/metric.cl"
-#endif
 
-// Bound on the error of a computed distance, relative to the farthest corner: one rounding of the difference to the
-// point, seven of the weighted sum of corners, three of its length, and those of the box's distance.
-//
-// The distance of a sphere has ten roundings relative to the farthest corner of its box, six of them those of a square
-// root by OpenCL's bound; the root of its square has seven more, the box's distance three, and the comparison two.
-#if HAS_SPHERES
-#define NEAREST_ROUNDINGS 22
-#else
-#define NEAREST_ROUNDINGS 16
-#endif
-#define NEAREST_SLACK ERROR_BOUND(NEAREST_ROUNDINGS)
+// The nearest primitives in global memory. They are kept as hits, whose t is a lower bound on the distance, in the
+// world's local coordinates, less all that rounding can do. So none that is left out is nearer than the farthest t.
+typedef struct {
+    global kept_hit_t *heap;  // [room]: binary heap with the farthest on top; NULL: only the nearest one is wanted
+    int room;
+    int count;
+} near_heap_t;
 
 typedef struct {
-#if !LONE
     metric_t metric;
-#else
-    float3 point;
-#endif
     float distance_squared;
     float distance;
     int prim_id;
 #if HAS_SPHERES
     int kind;  // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
 #endif
+    near_heap_t kept;
+    int instance_id;
 } nearest_t;
 
-#if LONE
-INLINED nearest_t make_nearest(const float3 point)
+INLINED near_heap_t no_heap(void)
 {
-    const nearest_t nearest = {point, INFINITY, INFINITY, NO_PRIM};
+    const near_heap_t none = {0, 0, 0};
+    return none;
+}
+
+// How far the farthest is of those in a heap, and all that are left out; INFINITY while there is room.
+INLINED float farthest_kept(const near_heap_t *kept)
+{
+    return kept->count < kept->room ? INFINITY : larger(kept->heap[0].t, 0.0f);
+}
+
+// A search in one shape.
+INLINED nearest_t make_nearest(const metric_t metric, const int kind)
+{
+    nearest_t nearest;
+    nearest.metric = metric;
+    nearest.distance_squared = nearest.distance = INFINITY;
+    nearest.prim_id = NO_PRIM;
+#if HAS_SPHERES
+    nearest.kind = kind;
+#endif
+    nearest.kept = no_heap();
+    nearest.instance_id = 0;
     return nearest;
 }
+
+// The length of a unit of the metric in the world's local coordinates.
+INLINED float unit_length(const metric_t *metric)
+{
+#if LONE
+    return 1.0f;
+#else
+    return 1.0f / metric->unit;
 #endif
+}
+
+// Rounded up: what is too far loses later.
+#define ROUNDED_UP (1.0f + ERROR_BOUND(8))
+
+// Looks for nothing that is farther than a distance in the world's local coordinates; or, with a heap, that is surely
+// farther.
+INLINED void limit_distance(nearest_t *nearest, const float distance)
+{
+    nearest->distance = distance / unit_length(&nearest->metric) * ROUNDED_UP;
+    const float most = nearest->distance + (nearest->kept.heap ? nearest->metric.slack * ROUNDED_UP : 0.0f);
+    nearest->distance_squared = most * most + FLT_MIN;
+}
 
 // Whether a primitive in a box may be as near as the nearest so far; *distance_squared is that of the box.
-#if LONE
-INLINED bool may_be_nearer(
-    const nearest_t *nearest, const float3 aabb_min, const float3 aabb_max, float *distance_squared)
-{
-    const float3 below = aabb_min - nearest->point;
-    const float3 above = aabb_max - nearest->point;
-    const float3 outside = fmax(fmax(below, -above), 0.0f);
-    const float3 farthest = fmax(fabs(below), fabs(above));
-    *distance_squared = dot_product(outside, outside);
-    const float limit = nearest->distance + NEAREST_SLACK * (farthest.x + farthest.y + farthest.z);
-    return *distance_squared <= limit * limit;
-}
-#elif !defined(WIDTH)
+#ifndef WIDTH
 INLINED bool may_be_nearer(
     const nearest_t *nearest, const float3 aabb_min, const float3 aabb_max, float *distance_squared)
 {
@@ -77,9 +98,26 @@ INLINED bool may_be_nearer(
 }
 #endif
 
+INLINED void keep_primitive(nearest_t *nearest, const float distance_squared, const int prim_id)
+{
+    near_heap_t *kept = &nearest->kept;
+    const float bound = (sqrt(distance_squared) - nearest->metric.slack) * unit_length(&nearest->metric);
+    kept_hit_t primitive = {bound, 0.0f, 0.0f, prim_id};
+#if !LONE
+    primitive.instance_id = nearest->instance_id;
+    primitive.t_inside = 0.0f;
+#endif
+    kept->count = keep_first(kept->heap, kept->count, kept->room, primitive);
+    limit_distance(nearest, farthest_kept(kept));
+}
+
 // Takes a primitive's squared distance into account.
 INLINED void add_distance(nearest_t *nearest, const float distance_squared, const int prim_id)
 {
+    if (nearest->kept.heap) {
+        keep_primitive(nearest, distance_squared, prim_id);
+        return;
+    }
     const bool wins_tie = prim_id < nearest->prim_id || nearest->prim_id == NO_PRIM;
     if (distance_squared < nearest->distance_squared
         || (distance_squared == nearest->distance_squared && wins_tie)) {

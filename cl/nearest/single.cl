@@ -4,22 +4,12 @@
 #include "nearest/search.cl"
 #include "triangles/single.cl"
 #if HAS_SPHERES
-#include "nearest/point_sphere.cl"
-#if !LONE
-#include "nearest/placed_sphere.cl"
-#endif
+#include "nearest/sphere.cl"
 #endif
 
-// A corner or a centre in the coordinates whose zero is the point.
-INLINED point_t relative_corner(const nearest_t *nearest, const float3 corner)
+INLINED point_t place_corner(const nearest_t *nearest, const float3 corner)
 {
-#if !LONE
     return place_point(&nearest->metric, corner.x, corner.y, corner.z);
-#else
-    const float3 moved = corner - nearest->point;
-    const point_t result = {moved.x, moved.y, moved.z};
-    return result;
-#endif
 }
 
 INLINED void test_triangle(nearest_t *nearest, const global block_t *blocks, const int triangle_index)
@@ -30,28 +20,17 @@ INLINED void test_triangle(nearest_t *nearest, const global block_t *blocks, con
         return;
     }
     const float squared = distance_squared_to_triangle(
-        relative_corner(nearest, corners.a), relative_corner(nearest, corners.b), relative_corner(nearest, corners.c));
+        place_corner(nearest, corners.a), place_corner(nearest, corners.b), place_corner(nearest, corners.c));
     add_distance(nearest, squared, blocks[triangle_index].prim_id);
 }
-
-#if HAS_SPHERES
-INLINED void test_sphere(nearest_t *nearest, const global sphere_block_t *sphere)
-{
-#if !LONE
-    const point_t centre = {sphere->centre[0], sphere->centre[1], sphere->centre[2]};
-    const float squared = distance_squared_to_placed_sphere(nearest, centre, sphere->radius);
-#else
-    const float squared = distance_squared_to_sphere(relative_corner(nearest, load3(sphere->centre)), sphere->radius);
-#endif
-    add_distance(nearest, squared, sphere->prim_id);
-}
-#endif
 
 INLINED void test_single(nearest_t *nearest, const global block_t *blocks, const int prim_index)
 {
 #if HAS_SPHERES
     if (nearest->kind != KIND_TRIANGLES) {
-        test_sphere(nearest, (const global sphere_block_t *)blocks + prim_index);
+        const global sphere_block_t *sphere = (const global sphere_block_t *)blocks + prim_index;
+        const point_t centre = {sphere->centre[0], sphere->centre[1], sphere->centre[2]};
+        add_distance(nearest, distance_squared_to_sphere(nearest, centre, sphere->radius), sphere->prim_id);
         return;
     }
 #endif

@@ -7,63 +7,33 @@
 #include "nearest/search.cl"
 #include "traversal/wide.cl"
 #if HAS_SPHERES
-#include "nearest/point_sphere.cl"
-#if !LONE
-#include "nearest/placed_sphere.cl"
-#endif
+#include "nearest/sphere.cl"
 #endif
 
-// NEAREST_SLACK and two more roundings: of the square root and of the subtraction of the slack.
-#define NEAREST_SLACK_OF_LANES ERROR_BOUND(NEAREST_ROUNDINGS + 2)
-
-// Returns the distance from each box along one axis, and adds the distance of its farther plane to *farthest.
-INLINED lanes_t distance_along_axis(
-    const global float *aabb_min, const global float *aabb_max, const float point, lanes_t *farthest)
+// Three rows of a node or a block.
+INLINED point_t load_points(const global float rows[3][WIDTH])
 {
-    const lanes_t below = load_lanes(aabb_min) - point;
-    const lanes_t above = load_lanes(aabb_max) - point;
-    *farthest += larger_lanes(larger_lanes(below, -below), larger_lanes(above, -above));
-    return larger_lanes(larger_lanes(below, -above), (lanes_t)(0.0f));
+    const point_t points = {load_lanes(rows[0]), load_lanes(rows[1]), load_lanes(rows[2])};
+    return points;
 }
 
 // Returns one bit per child, set where a primitive in its box may be as near as the nearest so far; *distance has the
 // least distance that a primitive in each box can have.
 INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *nearest, lanes_t *distance)
 {
-#if !LONE
-    const point_t lower = {
-        load_lanes(node->aabb_min[0]), load_lanes(node->aabb_min[1]), load_lanes(node->aabb_min[2])};
-    const point_t upper = {
-        load_lanes(node->aabb_max[0]), load_lanes(node->aabb_max[1]), load_lanes(node->aabb_max[2])};
-    const point_t way = way_to_box(&nearest->metric, lower, upper);
+    const point_t lower = load_points(node->aabb_min);
+    const point_t way = way_to_box(&nearest->metric, lower, load_points(node->aabb_max));
     *distance = larger_lanes(sqrt(dot_of(way, way)) - nearest->metric.slack, (lanes_t)(0.0f));
-#else
-    lanes_t farthest = (lanes_t)(0.0f);
-    const float3 point = nearest->point;
-    const lanes_t x = distance_along_axis(node->aabb_min[0], node->aabb_max[0], point.x, &farthest);
-    const lanes_t y = distance_along_axis(node->aabb_min[1], node->aabb_max[1], point.y, &farthest);
-    const lanes_t z = distance_along_axis(node->aabb_min[2], node->aabb_max[2], point.z, &farthest);
-    *distance = larger_lanes(sqrt(x * x + y * y + z * z) - NEAREST_SLACK_OF_LANES * farthest, (lanes_t)(0.0f));
-#endif
     // An inverted box has a huge or infinite distance, which the nearest distance may equal.
-    const lane_mask_t is_child = load_lanes(node->aabb_min[0]) <= load_lanes(node->aabb_max[0]);
+    const lane_mask_t is_child = lower.x <= load_lanes(node->aabb_max[0]);
     return mask_bits((*distance <= nearest->distance) & is_child);
 }
 
 // One corner of each triangle in the coordinates whose zero is the point.
-INLINED point_t relative_corners(const nearest_t *nearest, const global block_t *block, const int corner)
+INLINED point_t place_corners(const nearest_t *nearest, const global block_t *block, const int corner)
 {
-#if !LONE
-    return place_point(
-        &nearest->metric, load_lanes(block->corners[corner][0]), load_lanes(block->corners[corner][1]),
-        load_lanes(block->corners[corner][2]));
-#else
-    const point_t result = {
-        load_lanes(block->corners[corner][0]) - nearest->point.x,
-        load_lanes(block->corners[corner][1]) - nearest->point.y,
-        load_lanes(block->corners[corner][2]) - nearest->point.z};
-    return result;
-#endif
+    const point_t corners = load_points(block->corners[corner]);
+    return place_point(&nearest->metric, corners.x, corners.y, corners.z);
 }
 
 // Takes the squared distances of a block into account. NaN is never near.
@@ -85,23 +55,15 @@ INLINED void test_block(nearest_t *nearest, const global block_t *blocks, const 
 #if HAS_SPHERES
     if (nearest->kind != KIND_TRIANGLES) {
         const global sphere_block_t *spheres = (const global sphere_block_t *)blocks + block_index;
-#if !LONE
-        const point_t centres = {
-            load_lanes(spheres->centre[0]), load_lanes(spheres->centre[1]), load_lanes(spheres->centre[2])};
-        const lanes_t squared = distance_squared_to_placed_sphere(nearest, centres, load_lanes(spheres->radius));
-#else
-        const point_t centres = {
-            load_lanes(spheres->centre[0]) - nearest->point.x, load_lanes(spheres->centre[1]) - nearest->point.y,
-            load_lanes(spheres->centre[2]) - nearest->point.z};
-        const lanes_t squared = distance_squared_to_sphere(centres, load_lanes(spheres->radius));
-#endif
-        add_distances(nearest, squared, spheres->prim_id);
+        const point_t centres = load_points(spheres->centre);
+        add_distances(
+            nearest, distance_squared_to_sphere(nearest, centres, load_lanes(spheres->radius)), spheres->prim_id);
         return;
     }
 #endif
     const global block_t *block = blocks + block_index;
     const lanes_t squared = distance_squared_to_triangle(
-        relative_corners(nearest, block, 0), relative_corners(nearest, block, 1), relative_corners(nearest, block, 2));
+        place_corners(nearest, block, 0), place_corners(nearest, block, 1), place_corners(nearest, block, 2));
     add_distances(nearest, squared, block->prim_id);
 }
 

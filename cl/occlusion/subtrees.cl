@@ -2,13 +2,14 @@
 // rays would visit the nodes from the root down to the point, and test the boxes beside that way again and again; these
 // boxes are tested here together, and those behind the plane, or too far away, never.
 //
-// The subtrees are found in the layouts with HAS_ENTRY_POINTS, see traversal/traverse.cl. In the others, all rays begin
-// at the root.
+// The subtrees are those of a lone shape, in the layouts with HAS_ENTRY_POINTS, see traversal/traverse.cl. Elsewhere, all
+// rays begin at the root.
 
 #include "math/vectors.cl"
 #include "traversal/traverse.cl"
+#include "world/world.cl"
 
-#if HAS_ENTRY_POINTS
+#if LONE && HAS_ENTRY_POINTS
 
 // Room for the subtrees, in vectors of WIDTH boxes.
 #ifndef SUBTREE_GROUPS
@@ -44,7 +45,7 @@ INLINED void append_subtree(subtrees_t *subtrees, const global node_t *node, con
 
 // Finds the subtrees for rays from a position to the side of a unit normal, up to a length of t_max.
 INLINED void find_subtrees(
-    const global node_t *nodes, const float3 position, const float3 normal, const float t_max, subtrees_t *subtrees)
+    const world_t *world, const float3 position, const float3 normal, const float t_max, subtrees_t *subtrees)
 {
     const float3 size = magnitude(position);
     const float slack = OUTSIDE_SLACK * (1.0f + size.x + size.y + size.z);
@@ -56,7 +57,7 @@ INLINED void find_subtrees(
     subtrees->count = 0;
 
     while (around_count > 0) {
-        const global node_t *node = nodes + around[--around_count];
+        const global node_t *node = world->nodes + around[--around_count];
         for (int lane = 0; lane < WIDTH; lane++) {
             const float3 lower =
                 (float3)(node->aabb_min[0][lane], node->aabb_min[1][lane], node->aabb_min[2][lane]) - position;
@@ -84,9 +85,7 @@ INLINED void find_subtrees(
 }
 
 // Whether a ray from the position into the half-space meets anything.
-INLINED bool meets_subtrees(
-    const subtrees_t *subtrees, const global node_t *nodes, const global block_t *blocks, const int block_count,
-    const ray_t *ray)
+INLINED bool meets_subtrees(const world_t *world, const subtrees_t *subtrees, const world_ray_t *ray)
 {
     const slabs_t slabs = make_slabs(ray);
     const axis_permutation_t permutation = make_axis_permutation(ray);
@@ -104,9 +103,10 @@ INLINED bool meets_subtrees(
         for (; met != 0; met &= met - 1) {
             const int child = subtrees->child[WIDTH * group + lowest_bit(met)];
             if (child < 0) {
-                intersect_leaf(blocks, ~child, ray, &permutation, &search, QUERY_COUNT);
+                intersect_leaf(world->blocks, ~child, ray, &permutation, &search, QUERY_COUNT);
             } else {
-                visit_as_stored(nodes, nodes + child, blocks, ray, &slabs, &permutation, &search, QUERY_COUNT);
+                visit_as_stored(
+                    world->nodes, world->nodes + child, world->blocks, ray, &slabs, &permutation, &search, QUERY_COUNT);
             }
             if (is_complete(&search, QUERY_COUNT)) {
                 return true;
@@ -123,18 +123,14 @@ typedef struct {
 } subtrees_t;
 
 INLINED void find_subtrees(
-    const global node_t *nodes, const float3 position, const float3 normal, const float t_max, subtrees_t *subtrees)
+    const world_t *world, const float3 position, const float3 normal, const float t_max, subtrees_t *subtrees)
 {
     subtrees->count = 0;
 }
 
-INLINED bool meets_subtrees(
-    const subtrees_t *subtrees, const global node_t *nodes, const global block_t *blocks, const int block_count,
-    const ray_t *ray)
+INLINED bool meets_subtrees(const world_t *world, const subtrees_t *subtrees, const world_ray_t *ray)
 {
-    search_t search = make_search(1, 0);
-    traverse(nodes, nodes, blocks, block_count, ray, &search, QUERY_COUNT);
-    return search.count > 0;
+    return meets_anything(world, ray);
 }
 
 #endif

@@ -16,7 +16,7 @@ from ..scene.handles import Geometry, Instance
 from .launch import Caster
 from .moves import Moves
 from .points.ambient_occlusion import Hemispheres, check_sampling, find_open_shares
-from .points.queries import SeenPoints, closest_points, is_contained, signed_distances
+from .points.queries import SeenPoints, find_closest_points, find_contained, find_signed_distances
 from .points.refine import ClosestPoints
 from .rays.pieces import Progress
 
@@ -97,7 +97,7 @@ class PointQueries(Moves):
         array(2.)
         """
         caster, seen = self._caster, self._see(points, mask, geometry, instance)
-        return closest_points(caster, seen, progress)
+        return find_closest_points(caster, seen, progress)
 
     def contains(
         self,
@@ -130,7 +130,7 @@ class PointQueries(Moves):
         """
         caster, seen = self._caster, self._see(points, mask, geometry, instance)
         self._warn_if_open("contains", caster, seen)
-        return is_contained(caster, seen, progress)
+        return find_contained(caster, seen, progress)
 
     def signed_distance(
         self,
@@ -160,7 +160,7 @@ class PointQueries(Moves):
         """
         caster, seen = self._caster, self._see(points, mask, geometry, instance)
         self._warn_if_open("signed_distance", caster, seen)
-        return signed_distances(caster, seen, progress)
+        return find_signed_distances(caster, seen, progress)
 
     def ambient_occlusion(
         self,

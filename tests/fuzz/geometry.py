@@ -21,7 +21,7 @@ from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.hits.all_hits import find_all_hits
 from clbvh.trace.hits.closest import count_hits, find_any_hits, find_closest_hits
 from clbvh.trace.launch import Caster
-from clbvh.trace.points.queries import SeenPoints, closest_points
+from clbvh.trace.points.queries import SeenPoints, find_closest_points
 from clbvh.trace.rays.batch import read_points, read_rays
 
 from ..grazing import MESHES, RAYS, make_mesh, make_rays
@@ -113,7 +113,7 @@ def _ask(caster: Caster, rays: Rays, points: NDArray[np.float64], limits: Rays) 
         "count_hits": count_hits(caster, limited, shape, None, None),
         "all_hits": find_all_hits(caster, free, shape, None, None),
         "all_hits, few": find_all_hits(caster, limited, shape, _FEW_HITS, None),
-        "closest_point": closest_points(caster, SeenPoints(read_points(points), None, None)),
+        "closest_point": find_closest_points(caster, SeenPoints(read_points(points), None, None)),
     }
 
 

@@ -26,13 +26,12 @@ from ...structs import (
 )
 from ...support.compiled import compiled
 from ..hits.offsets import DOUBLE_ROUNDING, ROUNDING
-from ..launch import Caster, Query, cut_smaller_when_full
+from ..launch import Batch, Call, Caster, Query, cut_smaller_when_full
 from ..rays.batch import Broadcast, TreeBox, broadcast_shape, check_room, read_lengths, read_masks, read_vectors
 from ..rays.pieces import Progress
 from .pack import cut_points_of, find_point_order, put_points, take_masks, take_points
 
 AMBIENT_OCCLUSION = Query("ambient_occlusion", "open_counts", np.dtype(np.int32))
-SCENE_AMBIENT_OCCLUSION = Query("scene_ambient_occlusion", "open_counts", np.dtype(np.int32))
 
 # Rays of a launch: between launches Ctrl-C is seen, and drivers of GPUs that draw the screen end long ones. On a
 # 2-core x86-64 server it is about a second of work.
@@ -72,23 +71,18 @@ def find_open_shares(
     check_room(count, 8, "points")
     shares = np.empty(count)
     lost_count = 0
-    in_scene = not caster.world.is_lone
     with caster.open_call() as call:
         most_points = max(_LEAST_POINTS, _LAUNCH_RAYS // rays)
-        for begin, end in cut_points_of(call, count, progress, dtype=HEMISPHERE, most_points=most_points):
+        for begin, end in cut_points_of(call, HEMISPHERE, count, progress, most_points=most_points):
             rows = hemispheres.take(begin, end, call.world.box)
             order = find_point_order(rows.points, call.world.box, call.threads)
-
-            def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
-                pack_hemispheres(rows, call.world.box, order[first:last], begin, packed, in_scene=in_scene)  # noqa: B023
-
-            batch = put_points(call, end - begin, pack, dtype=HEMISPHERE)
+            batch = pack_hemispheres(call, rows, order, begin)
             open_counts = np.zeros(end - begin, np.int64)
             step = max(1, _LAUNCH_RAYS // (end - begin))
             for first_ray in range(0, rays, step):
                 ray_count = min(step, rays - first_ray)
                 with call.cast(
-                    SCENE_AMBIENT_OCCLUSION if in_scene else AMBIENT_OCCLUSION, batch,
+                    AMBIENT_OCCLUSION, batch,
                     first_ray=np.int32(first_ray), ray_count=np.int32(ray_count), seed=np.uint32(seed),
                 ) as found:  # fmt: skip
                     open_counts[order] += found
@@ -224,36 +218,33 @@ class HemisphereRows(NamedTuple):
     lost_count: int
 
 
-def pack_hemispheres(
-    rows: HemisphereRows,
-    box: TreeBox,
-    order: NDArray[np.int32],
-    first_number: int,
-    packed: NDArray[np.void],
-    *,
-    in_scene: bool,
-) -> None:
-    """Write points as the device takes them.
+def pack_hemispheres(call: Call, rows: HemisphereRows, order: NDArray[np.int32], first_number: int) -> Batch:
+    """Put points on the device.
 
     Parameters
     ----------
+    call : Call
     rows : HemisphereRows
-    box : TreeBox
     order : (m,) int32
-        Points to write, by their indices.
+        Points to put there, by their indices.
     first_number : int
         The number of the point with index 0; samples depend on a point's number, and not on the order.
-    packed : (m,) `structs.HEMISPHERE`, written
-    in_scene : bool
-        Whether the device lifts the points over the surfaces that it has in float32.
     """
-    lanes = packed.view(np.float32).reshape(-1, HEMISPHERE_LANES)
-    surface_rounding = 0.0 if in_scene else _SURFACE_ROUNDINGS * ROUNDING
-    pair_rounding = _PAIR_ROUNDING * float(box.half.max()) if in_scene else 0.0
-    _pack(
-        rows, rows.masks.view(np.int32), order, first_number, box.centre, box.scale, surface_rounding, pair_rounding,
-        lanes, lanes.view(np.int32),
-    )  # fmt: skip
+    world = call.world
+    centre, scale = world.box.centre, world.box.scale
+    # Over the surface of a lone shape, which the device has in float32, they are lifted here, over others there.
+    surface_rounding = _SURFACE_ROUNDINGS * ROUNDING if world.is_lone else 0.0
+    pair_rounding = 0.0 if world.is_lone else _PAIR_ROUNDING * float(world.box.half.max())
+    masks = rows.masks.view(np.int32)
+
+    def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
+        lanes = packed.view(np.float32).reshape(-1, HEMISPHERE_LANES)
+        _pack(
+            rows, masks, order[first:last], first_number, centre, scale, surface_rounding, pair_rounding, lanes,
+            lanes.view(np.int32),
+        )  # fmt: skip
+
+    return put_points(call, HEMISPHERE, len(order), pack)
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Points on their way to the device: checked, put in a coherent order, and packed, for a scene as pairs of float32."""
+"""Points on their way to the device: checked, put in a coherent order, and packed as pairs of float32."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from ...geometry.morton import SPREAD_BITS
 from ...structs import (
     PACKED_POINT,
     PACKED_POINT_LANES,
-    SCENE_POINT,
-    SCENE_POINT_MASK,
-    SCENE_POINT_POSITION_LOW,
-    SCENE_POINT_SPARE,
+    PACKED_POINT_MASK,
+    PACKED_POINT_POSITION_LOW,
+    PACKED_POINT_SPARE,
 )
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
@@ -66,18 +65,6 @@ def _find_bad(points, centre, scale):
     return _ALL_GOOD
 
 
-@compiled
-def _write_near(points, point, centre, scale, far, local):
-    """Write a point in local coordinates, moved towards the centre if it is farther away than `far`."""
-    size = 0.0
-    for axis in range(3):
-        local[axis] = (points[point, axis] - centre[axis]) * scale
-        size = max(size, abs(local[axis]))
-    share = far / size if size > far else 1.0
-    for axis in range(3):
-        local[axis] *= share
-
-
 _MASK_TYPE = np.dtype(np.uint32)
 
 # The mask of points to which every instance is visible that has a bit of its own.
@@ -85,29 +72,41 @@ _ALL_VISIBLE = np.array([0xFFFF_FFFF], _MASK_TYPE)
 _ALL_VISIBLE.flags.writeable = False
 
 
-def pack_points(
-    points: NDArray[Any],
-    masks: NDArray[np.uint32],
-    box: TreeBox,
-    order: NDArray[np.int32],
-    packed: NDArray[np.void],
-) -> None:
-    """Write points as the device takes them.
+def cut_points_of(
+    call: Call, dtype: np.dtype, count: int, progress: Progress | None, *, most_points: int = CHUNK_RAYS
+) -> Iterator[tuple[int, int]]:
+    """Yield the chunks in which a call casts points, of the dtype in which they are packed; see `pieces.cut_points`."""
+    return cut_points(count, most_points=call.fit(dtype, min(most_points, CHUNK_RAYS)), progress=progress)
+
+
+def put_points(call: Call, dtype: np.dtype, count: int, pack: Callable[[int, int, NDArray[np.void]], None]) -> Batch:
+    """Put points on the device: `pack` writes a range of them."""
+    points = call.fill("points", dtype, count, pack)
+    work_group = (call.session.settings.work_group_size, 1)
+    return Batch(count, (count, 1), work_group, {"points": points, "point_count": np.int32(count)})
+
+
+def pack_points(call: Call, points: NDArray[Any], masks: NDArray[np.uint32], order: NDArray[np.int32]) -> Batch:
+    """Put points on the device.
 
     Parameters
     ----------
+    call : Call
     points : (n, 3) float, contiguous
         Finite.
     masks : (n,) or (1,) uint32
-        One for each point, or one for all; only of a scene.
-    box : TreeBox
+        One for each point, or one for all.
     order : (m,) int32
-        Points to write, by their indices.
-    packed : (m,) `structs.PACKED_POINT`, or `structs.SCENE_POINT` for a scene, written
+        Points to put there, by their indices; at least one.
     """
-    lanes = packed.view(np.float32).reshape(len(packed), packed.itemsize // 4)
-    far = FAR_SHARE * box.half.max()
-    _pack(points, masks.view(np.int32), order, box.centre, box.scale, far, lanes, lanes.view(np.int32))
+    box = call.world.box
+    centre, scale, far = box.centre, box.scale, FAR_SHARE * box.half.max()
+
+    def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
+        lanes = packed.view(np.float32).reshape(-1, PACKED_POINT_LANES)
+        _pack(points, masks.view(np.int32), order[first:last], centre, scale, far, lanes, lanes.view(np.int32))
+
+    return put_points(call, PACKED_POINT, len(order), pack)
 
 
 def take_masks(masks: Broadcast | None, begin: int, end: int) -> NDArray[np.uint32]:
@@ -123,15 +122,18 @@ def _pack(points, masks, order, centre, scale, far, packed, packed_ints):
     local = np.empty(3)
     for slot in range(len(order)):
         point = order[slot]
-        _write_near(points, point, centre, scale, far, local)
+        size = 0.0
         for axis in range(3):
+            local[axis] = (points[point, axis] - centre[axis]) * scale
+            size = max(size, abs(local[axis]))
+        # Moved towards the centre if it is farther away than `far`.
+        share = far / size if size > far else 1.0
+        for axis in range(3):
+            local[axis] *= share
             packed[slot, axis] = local[axis]
-        if packed.shape[1] == PACKED_POINT_LANES:
-            continue
-        for axis in range(3):
-            packed[slot, SCENE_POINT_POSITION_LOW + axis] = local[axis] - np.float64(packed[slot, axis])
-        packed_ints[slot, SCENE_POINT_MASK] = masks[point] if len(masks) > 1 else masks[0]
-        packed[slot, SCENE_POINT_SPARE] = 0.0
+            packed[slot, PACKED_POINT_POSITION_LOW + axis] = local[axis] - np.float64(packed[slot, axis])
+        packed_ints[slot, PACKED_POINT_MASK] = masks[point] if len(masks) > 1 else masks[0]
+        packed[slot, PACKED_POINT_SPARE] = 0.0
 
 
 # Fewer points stay in their order. Whole calls with 1,024, 4,096 and 16,384 points, sorted against unsorted, 2 cores of
@@ -174,24 +176,3 @@ def _make_keys(points, centre, half, scale, keys):
             cell = 0 if not position > 0.0 else _CELLS - 1 if position >= _CELLS else int(position)
             key |= SPREAD_BITS[cell] << axis
         keys[point] = key
-
-
-def cut_points_of(
-    call: Call, count: int, progress: Progress | None, *, dtype: np.dtype | None = None, most_points: int = CHUNK_RAYS
-) -> Iterator[tuple[int, int]]:
-    """Yield the chunks in which a call casts points, of a dtype as in `put_points`; see `pieces.cut_points`."""
-    fitting = call.fit(dtype or _point_dtype(call), min(most_points, CHUNK_RAYS))
-    return cut_points(count, most_points=fitting, progress=progress)
-
-
-def put_points(
-    call: Call, count: int, pack: Callable[[int, int, NDArray[np.void]], None], *, dtype: np.dtype | None = None
-) -> Batch:
-    """Put points on the device: `pack` writes a range of them."""
-    points = call.fill("points", dtype or _point_dtype(call), count, pack)
-    work_group = (call.session.settings.work_group_size, 1)
-    return Batch(count, (count, 1), work_group, {"points": points, "point_count": np.int32(count)})
-
-
-def _point_dtype(call: Call) -> np.dtype:
-    return PACKED_POINT if call.world.is_lone else SCENE_POINT

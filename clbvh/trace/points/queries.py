@@ -1,33 +1,30 @@
-"""The queries of points, whatever the tracer's tree is: a mesh, or the instances of a scene.
-
-Owns what is visible to points, what the answers are where nothing is, and how points are cast.
-"""
+"""The queries of points: what is visible to them, how they are cast, and what the answers are where nothing is."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...structs import NO_PRIM, WORLD_PRIM
+from ...structs import NO_PRIM, PACKED_POINT, WORLD_PRIM
 from ..hits.closest import count_hits
-from ..launch import Call, Caster, Query, cut_smaller_when_full
-from ..rays.batch import Broadcast, TreeBox, check_room, read_masks, read_points, read_rays
-from ..rays.pieces import Progress, cut_points
+from ..launch import Batch, Call, Caster, Query, cut_smaller_when_full
+from ..rays.batch import Broadcast, check_room, read_masks, read_points, read_rays
+from ..rays.pieces import CHUNK_RAYS, Progress
+from ..world.metrics import Metrics
 from ..world.top_tree import prune_top
 from ..world.world import with_instances
-from .pack import cut_points_of, find_point_order, pack_points, put_points, take_masks, take_points
+from .pack import cut_points_of, find_point_order, pack_points, take_masks, take_points
 from .refine import ClosestPoints, FoundPoints, refine_points
 
-CLOSEST_POINT = Query("closest_point", "prim_ids", np.dtype(np.int32))
-_SCENE_CLOSEST_POINT = Query("scene_closest_point", "prims", WORLD_PRIM)
-_INSIDE = Query("scene_inside", "inside", np.dtype(np.uint8))
-_DEPTH = Query("scene_depth", "prims", WORLD_PRIM)
+CLOSEST_POINT = Query("closest_point", "prims", WORLD_PRIM)
+_CLOSEST_POINTS = Query("closest_points", "hits")
+_INSIDE = Query("inside", "inside", np.dtype(np.uint8))
+_DEPTH = Query("depth", "prims", WORLD_PRIM)
 
 # Distance, point and ids of a point.
 _POINT_BYTES = 40
@@ -35,6 +32,8 @@ _POINT_BYTES = 40
 # Directions along which crossings are counted, in this order of preference. Any will do: a direction that no mesh is
 # modelled along meets few edges exactly, where the traversal has the most to do.
 GENERIC_DIRECTIONS = np.array([[0.374, 0.621, 0.689], [-0.571, 0.277, 0.773]])
+
+_NOTHING_VISIBLE = Broadcast.to_shape(np.zeros((), np.uint32), 0, ())
 
 
 class SeenPoints(NamedTuple):
@@ -65,161 +64,161 @@ class SeenPoints(NamedTuple):
         read = read_points(points)
         return cls(read, None if mask is None else read_masks(mask, read.shape, "points"), instance_ids)
 
-    def hidden(self) -> NDArray[np.bool_] | None:
-        """Return which points do not see a mesh without instances, in their shape; None: all see it.
-
-        It is instance 0, and every mask but 0 sees it.
-        """
-        shape = self.points.shape
-        if self.instance_ids is not None and 0 not in self.instance_ids:
-            return np.ones(shape, np.bool_)
-        if self.masks is None:
-            return None
-        return np.broadcast_to(self.masks.items.reshape(() if self.masks.is_one else shape) == 0, shape)
+    @property
+    def point_count(self) -> int:
+        """Number of points."""
+        return math.prod(self.points.shape)
 
 
-def closest_points(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> ClosestPoints:
+class _Piece(NamedTuple):
+    """Points `begin` to `end` of a query.
+
+    Attributes
+    ----------
+    begin, end : int
+    points : (n, 3) float, contiguous, the world's coordinates
+    masks : (n,) or (1,) uint32
+    order : (n,) int32
+        In which to cast them.
+    """
+
+    begin: int
+    end: int
+    points: NDArray[Any]
+    masks: NDArray[np.uint32]
+    order: NDArray[np.int32]
+
+
+class _Search(NamedTuple):
+    """A call with what the search for near primitives needs of the world."""
+
+    call: Call
+    metrics: Metrics
+    buffer: Any
+
+    @classmethod
+    def begin(cls, caster: Caster, call: Call) -> _Search:
+        return cls(call, *caster.world.metrics.on(caster.session, call.session))
+
+    def find(self, query: Query, piece: _Piece, batch: Batch, found: FoundPoints) -> None:
+        """Write the points of the primitives that a query finds."""
+        with self.call.cast(query, batch, metrics=self.buffer) as prims:
+            self.refine(piece.points, piece.order, prims, found, piece.order)
+
+    def refine(
+        self, points: NDArray[Any], order: NDArray[np.int32], prims: NDArray[Any], found: FoundPoints,
+        slots: NDArray[np.int32],
+    ) -> None:  # fmt: skip
+        """Write the points of primitives in parallel; see `refine_points`."""
+        world = self.call.world
+
+        def refine(first: int, last: int) -> None:
+            refine_points(
+                points, world.arrays, self.metrics, world.box, order[first:last], prims[first:last], found,
+                slots[first:last],
+            )  # fmt: skip
+
+        self.call.threads.for_ranges(len(order), refine)
+
+
+def find_closest_points(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> ClosestPoints:
     """Return the closest points of what is visible; see `Tracer.closest_point`."""
-    shape, is_scene = seen.points.shape, not caster.world.is_lone
-    with select_instances(caster, seen.instance_ids if is_scene else None) as selected:
-        found = _find_points(selected, _SCENE_CLOSEST_POINT if is_scene else CLOSEST_POINT, seen, progress)
-    distance, point = found.distance.reshape(shape), found.point.reshape(*shape, 3)
-    prim_id, instance_id = found.prim_id.reshape(shape), found.instance_id.reshape(shape)
-    if is_scene:
-        geometry_id = np.full(shape, NO_PRIM, np.int32)
-        is_found = instance_id != NO_PRIM
-        geometry_id[is_found] = caster.world.arrays.geometry_id[instance_id[is_found]]
-        return ClosestPoints(distance, point, prim_id, geometry_id, instance_id)
-    hidden = seen.hidden()
-    if hidden is None:
-        return ClosestPoints(distance, point, prim_id)
-    return ClosestPoints(
-        np.where(hidden, np.inf, distance),
-        np.where(hidden[..., None], np.nan, point),
-        np.where(hidden, np.int32(NO_PRIM), prim_id),
-    )
+    found = _ask(_find_closest, caster, seen, progress)
+    return found.as_closest(seen.points.shape, caster.world.arrays.geometry_id)
 
 
-def is_contained(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.bool_]:
+def find_contained(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.bool_]:
     """Return whether something visible contains each point; see `Tracer.contains`."""
-    if not caster.world.is_lone:
-        with select_instances(caster, seen.instance_ids) as selected:
-            return _find_inside_instances(selected, seen, progress)
-    inside, hidden = _find_inside(caster, seen.points, progress), seen.hidden()
-    return inside if hidden is None else inside & ~hidden
+    return _ask(_find_inside, caster, seen, progress).reshape(seen.points.shape)
 
 
-def signed_distances(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.float64]:
+def find_signed_distances(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.float64]:
     """Return the signed distance to the surface of what is visible; see `Tracer.signed_distance`."""
-    if not caster.world.is_lone:
-        with select_instances(caster, seen.instance_ids) as selected:
-            signed = -_find_points(selected, _SCENE_CLOSEST_POINT, seen, progress).distance
-            depth = _find_points(selected, _DEPTH, seen, None)
-        is_inside = depth.prim_id != NO_PRIM
-        signed[is_inside] = depth.distance[is_inside]
-        return signed.reshape(seen.points.shape)
-    distance = closest_points(caster, seen, progress).distance
-    return np.where(is_contained(caster, seen), distance, -distance)
-
-
-def _find_inside(caster: Caster, points: Broadcast, progress: Progress | None = None) -> NDArray[np.bool_]:
-    """Return whether each point is inside a closed mesh; see `Tracer.contains`."""
-    check_room(math.prod(points.shape), 1, "points")
-    box, is_inside = caster.world.box, np.zeros(math.prod(points.shape), np.bool_)
-    with caster.open_call():  # refuses a closed tracer, even without points
-        pass
-    for begin, end in cut_points(len(is_inside), progress=progress):
-        chunk = take_points(points, begin, end, box)
-        in_box = np.flatnonzero((np.abs((chunk - box.centre) * box.scale) <= box.half).all(axis=1))
-        rays, ray_shape = read_rays(chunk[in_box], GENERIC_DIRECTIONS[0], 0.0, np.inf)
-        is_inside[begin + in_box] = count_hits(caster, rays, ray_shape, None, None) % 2 == 1
-    return is_inside.reshape(points.shape)
+    return _ask(_find_signed, caster, seen, progress).reshape(seen.points.shape)
 
 
 @cut_smaller_when_full
-def _find_inside_instances(caster: Caster, seen: SeenPoints, progress: Progress | None) -> NDArray[np.bool_]:
-    """Return whether an instance of a scene contains each point."""
-    count = math.prod(seen.points.shape)
-    check_room(count, 1, "points")
-    is_inside = np.empty(count, np.bool_)
+def _find_closest(caster: Caster, seen: SeenPoints, progress: Progress | None) -> FoundPoints:
+    check_room(seen.point_count, _POINT_BYTES, "points")
+    found = FoundPoints.make(seen.point_count)
     with caster.open_call() as call:
-        for begin, chunk, order in _cut(call, seen.points, progress):
-            with _cast(call, _INSIDE, seen.masks, begin, chunk, order) as inside:
-                is_inside[begin + order] = inside
-    return is_inside.reshape(seen.points.shape)
+        search = _Search.begin(caster, call)
+        for piece in _cut(call, seen, progress):
+            batch = pack_points(call, piece.points, piece.masks, piece.order)
+            search.find(CLOSEST_POINT, piece, batch, found.part(piece.begin, piece.end))
+    return found
+
+
+@cut_smaller_when_full
+def _find_inside(caster: Caster, seen: SeenPoints, progress: Progress | None) -> NDArray[np.bool_]:
+    check_room(seen.point_count, 1, "points")
+    is_inside = np.zeros(seen.point_count, np.bool_)
+    with caster.open_call() as call:
+        for piece in _cut(call, seen, progress):
+            order = piece.order[_are_in_box(call, piece)[piece.order]]
+            if call.on_host(len(order)):
+                rays, shape = read_rays(piece.points[order], GENERIC_DIRECTIONS[0], 0.0, np.inf)
+                is_odd = count_hits(caster, rays, shape, None, None) % 2 == 1
+                is_inside[piece.begin + order] = is_odd & (piece.masks[order if len(piece.masks) > 1 else 0] != 0)
+            elif len(order):
+                with call.cast(_INSIDE, pack_points(call, piece.points, piece.masks, order)) as inside:
+                    is_inside[piece.begin + order] = inside
+    return is_inside
+
+
+@cut_smaller_when_full
+def _find_signed(caster: Caster, seen: SeenPoints, progress: Progress | None) -> NDArray[np.float64]:
+    check_room(seen.point_count, _POINT_BYTES, "points")
+    signed, found = np.empty(seen.point_count), FoundPoints.make(seen.point_count)
+    with caster.open_call() as call:
+        search = _Search.begin(caster, call)
+        for piece in _cut(call, seen, progress):
+            part, own = found.part(piece.begin, piece.end), signed[piece.begin : piece.end]
+            batch = pack_points(call, piece.points, piece.masks, piece.order)
+            search.find(CLOSEST_POINT, piece, batch, part)
+            own[:] = -part.distance
+            if not caster.world.is_lone:
+                search.find(_DEPTH, piece, batch, part)
+                is_inside = part.prim_id != NO_PRIM
+            else:
+                is_inside = _are_in_box(call, piece)
+                with call.cast(_INSIDE, batch) as inside:
+                    is_inside[piece.order] &= inside.view(np.bool_)
+            own[is_inside] = part.distance[is_inside]
+    return signed
+
+
+def _ask(query: Callable[..., Any], caster: Caster, seen: SeenPoints, progress: Progress | None, *rest: Any) -> Any:
+    """Return the answer of a query at the chosen instances alone."""
+    if seen.instance_ids is None:
+        return query(caster, seen, progress, *rest)
+    if caster.world.is_lone:
+        masks = seen.masks if 0 in seen.instance_ids else _NOTHING_VISIBLE
+        return query(caster, seen._replace(masks=masks), progress, *rest)
+    with select_instances(caster, seen.instance_ids) as selected:
+        return query(selected, seen, progress, *rest)
 
 
 @contextmanager
-def select_instances(caster: Caster, instance_ids: NDArray[np.integer] | None) -> Iterator[Caster]:
-    """Give a caster at a scene of some of the instances; at all of them for None.
-
-    Parameters
-    ----------
-    caster : Caster
-        Of a `DeviceScene`.
-    instance_ids : (n,) int, or None
-    """
-    if instance_ids is None:
-        yield caster
-        return
+def select_instances(caster: Caster, instance_ids: NDArray[np.integer]) -> Iterator[Caster]:
+    """Give a caster at some of the instances of a scene."""
     world = caster.world
     assert world.top is not None
     # The call keeps the device open.
     with caster.open_call() as call:
-        pruned = prune_top(world.top, instance_ids)
-        buffers = {name: call.session.upload(array) for name, array in pruned.items()}
+        buffers = {name: call.session.upload(array) for name, array in prune_top(world.top, instance_ids).items()}
         yield caster.at(with_instances(world, buffers))
 
 
-@cut_smaller_when_full
-def _find_points(caster: Caster, query: Query, seen: SeenPoints, progress: Progress | None) -> FoundPoints:
-    """Return the points of the primitives that a query finds, refined."""
-    count = math.prod(seen.points.shape)
-    check_room(count, _POINT_BYTES, "points")
-    found, world = FoundPoints.make(count), caster.world
-    with caster.open_call() as call:
-        metrics, arguments = None, {}
-        if world.metrics is not None:
-            metrics, arguments["metrics"] = world.metrics.on(caster.session, call.session)
-        for begin, chunk, order in _cut(call, seen.points, progress):
-            part = found.part(begin, begin + len(chunk))
-            with _cast(call, query, seen.masks, begin, chunk, order, **arguments) as prims:
-                ranges = partial(_refine_range, chunk, world.arrays, metrics, world.box, order, prims, part)
-                call.threads.for_ranges(len(chunk), ranges)
-    return found
+def _cut(call: Call, seen: SeenPoints, progress: Progress | None, *, most_points: int = CHUNK_RAYS) -> Iterator[_Piece]:
+    """Yield the pieces in which to cast points."""
+    box = call.world.box
+    for begin, end in cut_points_of(call, PACKED_POINT, seen.point_count, progress, most_points=most_points):
+        points, masks = take_points(seen.points, begin, end, box), take_masks(seen.masks, begin, end)
+        yield _Piece(begin, end, points, masks, find_point_order(points, box, call.threads))
 
 
-def _refine_range(
-    chunk: NDArray[Any], arrays: Any, metrics: Any, box: TreeBox, order: NDArray[np.int32], prims: NDArray[Any],
-    part: FoundPoints, first: int, last: int,
-) -> None:  # fmt: skip
-    refine_points(chunk, arrays, metrics, box, order[first:last], prims[first:last], part)
-
-
-def _cut(
-    call: Call, points: Broadcast, progress: Progress | None
-) -> Iterator[tuple[int, NDArray[Any], NDArray[np.int32]]]:
-    """Yield the begin of each chunk of points, the chunk, and the order in which to cast it."""
-    for begin, end in cut_points_of(call, math.prod(points.shape), progress):
-        chunk = take_points(points, begin, end, call.world.box)
-        yield begin, chunk, find_point_order(chunk, call.world.box, call.threads)
-
-
-@contextmanager
-def _cast(
-    call: Call,
-    query: Query,
-    masks: Broadcast | None,
-    begin: int,
-    chunk: NDArray[Any],
-    order: NDArray[np.int32],
-    **arguments: Any,
-) -> Iterator[NDArray[Any]]:
-    """Cast a chunk of points and give its results in the order of the cast, valid inside the block."""
-    chunk_masks = take_masks(masks, begin, begin + len(chunk))
-
-    def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
-        pack_points(chunk, chunk_masks, call.world.box, order[first:last], packed)
-
-    with call.cast(query, put_points(call, len(chunk), pack), **arguments) as results:
-        yield results
+def _are_in_box(call: Call, piece: _Piece) -> NDArray[np.bool_]:
+    """Return which points are in the box around the world: nothing contains others."""
+    box = call.world.box
+    return np.logical_and.reduce(np.abs((piece.points - box.centre) * box.scale) <= box.half, axis=1)

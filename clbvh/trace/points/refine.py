@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...structs import NO_PRIM, PRIM_KINDS
+from ...structs import HIT, NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
 from ...support.loop_functions import exponent_of, power_of_two, times_power_of_two
 from ..rays.batch import TreeBox
@@ -127,9 +127,6 @@ _FAR_PRIM_SHARE = 2.0**26
 
 _SPHERES = PRIM_KINDS["spheres"]
 
-# Of a lone mesh.
-_NO_METRICS = np.empty((0, 3, 3)), np.empty((0, 3))
-
 
 class FoundPoints(NamedTuple):
     """The results for points, (n,) each.
@@ -156,39 +153,52 @@ class FoundPoints(NamedTuple):
         distance, point, prim_id, instance_id = self
         return FoundPoints(distance[begin:end], point[begin:end], prim_id[begin:end], instance_id[begin:end])
 
+    def as_closest(self, shape: tuple[int, ...], geometry_ids: NDArray[np.int32]) -> ClosestPoints:
+        """Return the results in a shape, given the geometry of each instance."""
+        distance, point, prim_id, instance_id = self
+        geometry_id = np.where(instance_id == NO_PRIM, NO_PRIM, geometry_ids[instance_id])
+        return ClosestPoints(
+            distance.reshape(shape), point.reshape(*shape, 3), prim_id.reshape(shape), geometry_id.reshape(shape),
+            instance_id.reshape(shape),
+        )  # fmt: skip
+
 
 def refine_points(
     points: NDArray[Any],
     arrays: SurfaceArrays,
-    metrics: Metrics | None,
+    metrics: Metrics,
     box: TreeBox,
     order: NDArray[np.int32],
     prims: NDArray[Any],
     found: FoundPoints,
+    slots: NDArray[np.int32],
 ) -> None:
     """Write the point of each primitive that is closest to a point, in float64.
 
     Parameters
     ----------
-    points : (n, 3) float, contiguous, the scene's coordinates
+    points : (n, 3) float, contiguous, the world's coordinates
     arrays : SurfaceArrays
-    metrics : Metrics, or None
-        Of the instances; None for a lone mesh.
+    metrics : Metrics
+        Of the instances.
     box : TreeBox
-        Of the tree.
+        Of the world.
     order : (m,) int32
-        Indices of the points that were cast, one after the other.
-    prims : (m,) `structs.WORLD_PRIM`, or int32 of a lone mesh
-        Primitives that the device found, in that order.
-    found : FoundPoints of n points, written
-        Only for the points in `order`. Without a primitive the distance is infinite, the point NaN, and the ids
-        `NO_PRIM`.
+        The point of each primitive, by its index.
+    prims : (m,) structs with a prim_id
+        Primitives that the device found: hits, or with an instance_id of their own.
+    found : FoundPoints, written
+        Without a primitive the distance is infinite, the point NaN, and the ids `NO_PRIM`.
+    slots : (m,) int32
+        Where to write each of them.
     """
-    axes, half_lengths = (metrics.axes, metrics.half_lengths) if metrics else _NO_METRICS
+    prim_ids = prims["prim_id"]
+    instance_ids = np.minimum(prim_ids, 0) if prims.dtype == HIT else prims["instance_id"]
     far = _FAR_SHARE * box.half.max() / box.scale
-    prim_ids = prims["prim_id"] if prims.dtype.names else prims
-    instance_ids = prims["instance_id"] if prims.dtype.names else np.minimum(prims, 0)
-    _refine(points, order, arrays, axes, half_lengths, box.centre, far, prim_ids, instance_ids, found)
+    _refine(
+        points, order, arrays, metrics.axes, metrics.half_lengths, box.centre, far, prim_ids, instance_ids, slots,
+        found,
+    )  # fmt: skip
 
 
 class _Scratch(NamedTuple):
@@ -202,29 +212,29 @@ class _Scratch(NamedTuple):
 
 
 @compiled(error_model="numpy")
-def _refine(points, order, arrays, axes, half_lengths, centre, far, prim_ids, instance_ids, found):
+def _refine(points, order, arrays, axes, half_lengths, centre, far, prim_ids, instance_ids, slots, found):
     scratch = _Scratch(np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3))
     a, b, c, weights, way = scratch
     distance, nearest = found.distance, found.point
     vertices, faces, kind, geometry_id = arrays.vertices, arrays.faces, arrays.kind, arrays.geometry_id
-    for slot in range(len(order)):
-        index, prim, instance = order[slot], prim_ids[slot], instance_ids[slot]
-        found.prim_id[index], found.instance_id[index] = prim, instance
+    for row in range(len(order)):
+        index, slot, prim, instance = order[row], slots[row], prim_ids[row], instance_ids[row]
+        found.prim_id[slot], found.instance_id[slot] = prim, instance
         if prim == NO_PRIM:
-            distance[index] = np.inf
-            nearest[index, 0] = nearest[index, 1] = nearest[index, 2] = np.nan
+            distance[slot] = np.inf
+            nearest[slot, 0] = nearest[slot, 1] = nearest[slot, 2] = np.nan
             continue
         geometry = geometry_id[instance]
         if kind[geometry] == _SPHERES:
-            distance[index] = _close_to_sphere(
-                points[index], arrays, axes[instance], half_lengths[instance], instance, prim, scratch, nearest[index]
+            distance[slot] = _close_to_sphere(
+                points[index], arrays, axes[instance], half_lengths[instance], instance, prim, scratch, nearest[slot]
             )
             continue
 
         # The first corner and the edges from there, which are placed by themselves: far from zero they keep digits that
         # differences of placed corners would lose.
-        face, row = arrays.first_face[geometry] + prim, arrays.first_vertex[geometry]
-        first, second, third = row + faces[face, 0], row + faces[face, 1], row + faces[face, 2]
+        face, base = arrays.first_face[geometry] + prim, arrays.first_vertex[geometry]
+        first, second, third = base + faces[face, 0], base + faces[face, 1], base + faces[face, 2]
         x, y, z = vertices[first, 0], vertices[first, 1], vertices[first, 2]
         ux, uy, uz = vertices[second, 0] - x, vertices[second, 1] - y, vertices[second, 2] - z
         vx, vy, vz = vertices[third, 0] - x, vertices[third, 1] - y, vertices[third, 2] - z
@@ -265,11 +275,11 @@ def _refine(points, order, arrays, axes, half_lengths, centre, far, prim_ids, in
         z += weights[1] * uz + weights[2] * vz
         if not arrays.is_lone:
             x, y, z = place_point(arrays, instance, x, y, z)
-        nearest[index, 0], nearest[index, 1], nearest[index, 2] = x, y, z
+        nearest[slot, 0], nearest[slot, 1], nearest[slot, 2] = x, y, z
         if is_far:
-            distance[index] = _far_distance(points[index], nearest[index], reach)
+            distance[slot] = _far_distance(points[index], nearest[slot], reach)
         else:
-            distance[index] = np.sqrt(squared) / scale
+            distance[slot] = np.sqrt(squared) / scale
 
 
 @compiled(error_model="numpy")

@@ -53,8 +53,8 @@ class World:
         The tree over the instances; None of a lone shape.
     top_buffers : dict of str to buffer
         The arrays of `top`, as the kernels call them.
-    metrics : LazyMetrics or None
-        What distances need of the instances; None of a lone shape.
+    metrics : LazyMetrics
+        What distances need of the instances.
     """
 
     state: SceneState
@@ -63,7 +63,7 @@ class World:
     box: TreeBox
     top: TopTree | None
     top_buffers: dict[str, Any]
-    metrics: LazyMetrics | None
+    metrics: LazyMetrics
 
     @property
     def is_lone(self) -> bool:
@@ -230,7 +230,8 @@ def place(trees: DeviceTrees, state: SceneState, session: DeviceSession, arrays:
         The device has no room for the tree over the instances.
     """
     if is_lone(state):
-        return World(state, trees, lone_arrays(state.shapes[0]), trees.box, None, {}, None)
+        arrays = lone_arrays(state.shapes[0])
+        return World(state, trees, arrays, trees.box, None, {}, LazyMetrics(arrays, trees.box.scale))
     arrays = arrays or make_surface_arrays(state.shapes, state.geometry_ids, state.transforms)
     top = TopTree.build(arrays, trees.ranges, state.masks)
     buffers = {}

@@ -11,7 +11,7 @@
 // to_corner[count]          written: distance of the corner
 // to_sphere[count]          written: distance of the sphere
 
-#include "nearest/placed_sphere.cl"
+#include "nearest/sphere.cl"
 
 INLINED point_t point_at(const float3 v)
 {
@@ -30,10 +30,8 @@ kernel void measure_placed(
     if (i >= count) {
         return;
     }
-    nearest_t nearest;
-    nearest.kind = KIND_SPHERES;
     const float3 way = way_to_instance(instances + i, vload3(i, positions), (float3)(0.0f));
-    nearest.metric = make_metric(instances + i, metrics + i, way);
+    const nearest_t nearest = make_nearest(make_metric(instances + i, metrics + i, way), KIND_SPHERES);
     const float unit = nearest.metric.unit;
     const point_t outside = way_to_box(&nearest.metric, point_at(vload3(2 * i, boxes)), point_at(vload3(2 * i + 1, boxes)));
     to_box[i] = sqrt(dot_of(outside, outside)) / unit;
@@ -41,5 +39,5 @@ kernel void measure_placed(
     const float3 corner = vload3(i, corners);
     const point_t placed = place_point(&nearest.metric, corner.x, corner.y, corner.z);
     to_corner[i] = sqrt(dot_of(placed, placed)) / unit;
-    to_sphere[i] = sqrt(distance_squared_to_placed_sphere(&nearest, point_at(corner), radii[i])) / unit;
+    to_sphere[i] = sqrt(distance_squared_to_sphere(&nearest, point_at(corner), radii[i])) / unit;
 }

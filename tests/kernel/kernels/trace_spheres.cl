@@ -43,8 +43,7 @@ kernel void trace_spheres(
         hits[SLOTS * i + slot] = as_hit(&none);
     }
 
-    nearest_t nearest = make_nearest(ray.origin);
-    nearest.kind = KIND_SPHERES;
+    nearest_t nearest = make_nearest(make_lone_metric(ray.origin), KIND_SPHERES);
     find_nearest(nodes, blocks, sphere_counts[i], &nearest);
     prim_ids[i] = nearest.prim_id;
 }

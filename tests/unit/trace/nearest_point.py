@@ -6,7 +6,7 @@ import trimesh
 from clbvh import build
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.launch import Caster
-from clbvh.trace.points.queries import SeenPoints, closest_points
+from clbvh.trace.points.queries import SeenPoints, find_closest_points
 from clbvh.trace.rays.batch import read_points
 
 from ...worlds import open_mesh
@@ -35,7 +35,9 @@ def check_tree_and_brute_agree(session, mesh, points, **options):
     worlds = [open_mesh(session, mesh), *(open_mesh(session, mesh, bvh, layout) for layout in LAYOUT_WIDTHS)]
     casters = [Caster(session, world) for world in worlds]
     try:
-        expected, *found = (closest_points(caster, SeenPoints(read_points(points), None, None)) for caster in casters)
+        expected, *found = (
+            find_closest_points(caster, SeenPoints(read_points(points), None, None)) for caster in casters
+        )
     finally:
         for caster in casters:
             caster.release()

@@ -1,0 +1,98 @@
+// The shapes of a world that contain a point: closed meshes that a ray from the point crosses an odd number of times,
+// and spheres in one of which the point is.
+
+#include "nearest/nearest.cl"
+#include "world/nearest.cl"
+#include "world/points.cl"
+#if !LONE
+#include "instances/containing.cl"
+#endif
+
+// The direction in which crossings are counted, in the geometry's local coordinates. Any will do: a direction that no
+// mesh is modelled along meets few edges exactly, where the traversal has the most to do.
+#define GENERIC_DIRECTION ((float3)(0.374f, 0.621f, 0.689f))
+
+// "All of them", for a search that counts crossings.
+#define NO_LIMIT 0x7fffffff
+
+// Whether a shape contains a point in its local coordinates.
+INLINED bool is_in_shape(
+    const global node_t *nodes, const global block_t *blocks, const int block_count, const int kind,
+    const float3 position)
+{
+#if HAS_SPHERES
+    if (kind == KIND_SPHERES) {
+        nearest_t nearest = make_nearest(make_lone_metric(position), KIND_BALLS);
+        nearest.distance = nearest.distance_squared = 0.0f;
+        find_nearest(nodes, blocks, block_count, &nearest);
+        return nearest.prim_id != NO_PRIM;
+    }
+#endif
+    const ray_t ray = make_ray(position, GENERIC_DIRECTION, 0.0f, INFINITY);
+    search_t search = make_search(NO_LIMIT, 0);
+    traverse(nodes, nodes, blocks, block_count, &ray, &search, QUERY_COUNT);
+    return search.count % 2 == 1;
+}
+
+#if !LONE
+
+// Whether an instance is visible to a point, and contains it.
+INLINED bool is_in_instance(const world_t *world, const global instance_t *instance, const point_pair_t *point)
+{
+    if (!is_visible(point, instance)) {
+        return false;
+    }
+    const float3 way = way_to_instance(instance, point->position, point->position_low);
+    return is_in_shape(
+        world->nodes + instance->first_node, find_blocks(instance, world->blocks, world->spheres),
+        instance->block_count, instance->kind, transform_vector(instance->to_object, -way));
+}
+
+#endif
+
+// Whether the world contains a point: a lone shape, or a visible instance.
+INLINED bool is_in_world(const world_t *world, const point_pair_t *point)
+{
+#if LONE
+    return point->mask != 0
+        && is_in_shape(world->nodes, world->blocks, world->block_count, LONE_KIND, point->position);
+#else
+    instance_walk_t walk;
+    begin_walk(&walk, world->top_nodes, point->position);
+    for (int index = next_containing(&walk, world->top_nodes, point->position); index >= 0;
+         index = next_containing(&walk, world->top_nodes, point->position)) {
+        if (is_in_instance(world, world->instances + index, point)) {
+            return true;
+        }
+    }
+    return false;
+#endif
+}
+
+// The primitive at the largest of the distances from a point to the surfaces of the visible instances that contain it.
+INLINED world_prim_t find_deepest(
+    const world_t *world, const global metric_record_t *metrics, const point_pair_t *point)
+{
+    world_nearest_t deepest = no_world_nearest(no_heap());
+#if LONE
+    return is_in_world(world, point) ? find_world_nearest(world, metrics, point, no_heap()).prim : deepest.prim;
+#else
+    instance_walk_t walk;
+    begin_walk(&walk, world->top_nodes, point->position);
+    for (int index = next_containing(&walk, world->top_nodes, point->position); index >= 0;
+         index = next_containing(&walk, world->top_nodes, point->position)) {
+        const global instance_t *instance = world->instances + index;
+        if (!is_in_instance(world, instance, point)) {
+            continue;
+        }
+        world_nearest_t nearest = no_world_nearest(no_heap());
+        visit_instance_near(world, instance, metrics, point, &nearest);
+        const bool is_first = deepest.prim.prim_id == NO_PRIM;
+        const bool wins_tie = instance->instance_id < deepest.prim.instance_id;
+        if (is_first || nearest.distance > deepest.distance || (nearest.distance == deepest.distance && wins_tie)) {
+            deepest = nearest;
+        }
+    }
+    return deepest.prim;
+#endif
+}
