@@ -27,8 +27,8 @@ from clbvh.choices import REPORT_SHADINGS, SHADINGS
 from clbvh.device.program import CORRECT_ROUNDING, GPU_OPTION, expand_source, make_options
 from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS
 from clbvh.support.folders import find_folder
-from clbvh.trace.device_tree import make_defines, pad_stack
-from clbvh.trace.scene.device_scene import make_scene_defines
+from clbvh.trace.world.trees import pad_stack
+from clbvh.trace.world.world import make_defines
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "internals" / "gpu.md"
 # The tables stand between these lines of the page.
@@ -39,9 +39,8 @@ LIBCLC = Path("/usr/lib/clc")
 INSTALL = "apt-get install clang-15 libclc-15"
 NO_PTXAS = "compilers for GPUs: ptxas is missing: pip install nvidia-cuda-nvcc-cu12"
 
-# Kernels of points, of the tops of scenes and of films exist for one kind of tree, or for none.
-_OF_MESHES_AND_SCENES = ("render", "render_samples", "view_entry_points")
-_OF_NO_TREE = ("develop",)
+# Kernels of films need no tree.
+_OF_NO_TREE = ("develop", "join_cells")
 
 
 @dataclass(frozen=True)
@@ -127,11 +126,9 @@ def list_programs(layouts: Sequence[str] = tuple(LAYOUT_WIDTHS)) -> Iterator[Pro
             if kernel.endswith("entry_points") and layout not in ENTRY_POINT_LAYOUTS:
                 continue
             stack_size = pad_stack(layout, 0, 0)
-            if not kernel.startswith("scene_"):
-                yield from _list_variants(kernel, layout, False, make_defines(layout, stack_size))
-            if kernel.startswith("scene_") or kernel in _OF_MESHES_AND_SCENES:
-                defines = make_scene_defines(layout, stack_size, has_spheres=False)
-                yield from _list_variants(kernel, layout, True, defines)
+            for is_lone in (True, False):
+                defines = make_defines(layout, stack_size, is_lone=is_lone, has_spheres=False)
+                yield from _list_variants(kernel, layout, not is_lone, defines)
 
 
 def _list_variants(kernel: str, layout: str, of_scene: bool, defines: Mapping[str, int]) -> Iterator[Program]:

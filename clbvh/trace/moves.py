@@ -74,7 +74,7 @@ class Moves(ContextManager):
         with self._changing() as (call, world):
             mesh = self.mesh.with_vertices(vertices)
             moved = self._changes.set_shape(world, 0, mesh, call.session, call.threads, rebuilds=False)
-            self._caster = self._caster.at(moved)
+            self._use(moved)
 
     def set_transforms(self, instances: Instance | int | Iterable[Instance | int], transforms: ArrayLike) -> None:
         """Move instances of a scene: only the tree over the instances is built anew.
@@ -91,8 +91,6 @@ class Moves(ContextManager):
         SceneError
             An instance of another scene, or one that was placed after the tracer was opened; a matrix that is not
             finite, not affine, or singular; or an instance that is too small beside the scene.
-        ConfigError
-            This is no tracer of a scene.
         QueryError
             The tracer is closed.
         DeviceError
@@ -115,7 +113,7 @@ class Moves(ContextManager):
         (array([ True]), array([False,  True]))
         """
         with self._changing() as (call, world):
-            self._caster = self._caster.at(self._changes.set_transforms(world, instances, transforms, call.session))
+            self._use(self._changes.set_transforms(world, instances, transforms, call.session))
 
     def set_vertices(self, geometry: Geometry, vertices: ArrayLike) -> None:
         """Move the vertices of a geometry of a scene: its tree is refitted, or built anew where that pays.
@@ -133,7 +131,7 @@ class Moves(ContextManager):
             Another number of vertices, wrong shape or dtype, or vertices that `Mesh.from_arrays` refuses.
         SceneError
             A geometry of another scene, or one that was added after the tracer was opened.
-        ConfigError, QueryError, DeviceError
+        QueryError, DeviceError
             As of `set_transforms`.
 
         Notes
@@ -156,9 +154,7 @@ class Moves(ContextManager):
         with self._changing() as (call, world):
             geometry_id, shape = self._changes.find_shape(world, geometry)
             moved = shape.with_spheres(vertices) if isinstance(shape, Spheres) else shape.with_vertices(vertices)
-            self._caster = self._caster.at(
-                self._changes.set_shape(world, geometry_id, moved, call.session, call.threads)
-            )
+            self._use(self._changes.set_shape(world, geometry_id, moved, call.session, call.threads))
 
     @property
     def mesh(self) -> Mesh:
@@ -202,7 +198,7 @@ class Moves(ContextManager):
             Another number of spheres, or spheres that `clbvh.Spheres` refuses.
         SceneError
             The geometry is a mesh, of another scene, or was added after the tracer was opened.
-        ConfigError, QueryError, DeviceError
+        QueryError, DeviceError
             As of `set_transforms`.
 
         Notes
@@ -225,12 +221,17 @@ class Moves(ContextManager):
             if not isinstance(shape, Spheres):
                 raise SceneError(f"{geometry!r} is a mesh and has no spheres: call set_vertices(geometry, vertices)")
             moved = shape.with_spheres(centres, radii)
-            self._caster = self._caster.at(
-                self._changes.set_shape(world, geometry_id, moved, call.session, call.threads)
-            )
+            self._use(self._changes.set_shape(world, geometry_id, moved, call.session, call.threads))
 
     @contextmanager
     def _changing(self) -> Iterator[tuple[Call, World]]:
         """Give memory for a change, and the newest world, while no other change is at work."""
         with self._caster.open_call() as call, self._updating:
             yield call, self._caster.world
+
+    def _use(self, moved: World) -> None:
+        """Let later queries see a changed world."""
+        before = self._caster.world
+        self._caster = self._caster.at(moved)
+        # Not earlier: after Ctrl-C the buffers of the world that stays would be written by the next change.
+        self._changes.retire(before, moved)

@@ -153,9 +153,12 @@ class Changes:
             trees = replace(trees, box=box)
         # Queries have queues of their own, which do not wait for this one.
         session.finish()
-        moved = place(trees, world.state.with_shape(geometry_id, shape), session)
-        self._retired.add(before, trees)
-        return moved
+        return place(trees, world.state.with_shape(geometry_id, shape), session)
+
+    def retire(self, world: World, newer: World) -> None:
+        """Keep what later queries do not need of a world, now that they see a newer one, for changes to come."""
+        if newer.trees is not world.trees:
+            self._retired.add(world.trees, newer.trees)
 
     def _rebuild(
         self, before: DeviceTrees, geometry_id: int, shape: Shape, session: DeviceSession

@@ -130,9 +130,9 @@ class DeviceTrees:
     trees : tuple of Tree
         By geometry id.
     buffers : dict of str to buffer
-        nodes, blocks and spheres, as the kernels call them, see cl/world/world.cl.
+        nodes, blocks and spheres, as the kernels call them, see cl/world/world.cl; without those that would be empty.
     dtypes : dict of str to dtype
-        Of the items of those buffers that are not empty.
+        Of the items of those buffers.
     box : TreeBox
         Around the first tree.
     """
@@ -179,9 +179,9 @@ class DeviceTrees:
             joined[_BLOCK_BUFFERS[trees[-1].kind]].append(own.blocks)
         buffers = {}
         for name, parts in joined.items():
-            whole = parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else np.empty(0, np.float32)
-            buffers[name] = session.upload(whole)
-        dtypes = {name: parts[0].dtype for name, parts in joined.items() if parts}
+            if parts:
+                buffers[name] = session.upload(parts[0] if len(parts) == 1 else np.concatenate(parts))
+        dtypes = {name: joined[name][0].dtype for name in buffers}
         box = TreeBox.of_shape(shapes[0]) if bvhs is None else TreeBox.around(bvhs[0])
         return cls(session, layout, _place(trees), buffers, dtypes, box)
 

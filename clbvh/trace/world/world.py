@@ -78,13 +78,11 @@ class World:
     @cached_property
     def arguments(self) -> dict[str, Any]:
         """What every kernel is told of the world, by the names of its arguments; see cl/world/world.cl."""
-        buffers = self.trees.buffers
-        if self.top is not None:
-            return {**buffers, "block_count": np.int32(0), **self.top_buffers}
-        tree = self.trees.trees[0]
-        blocks = buffers["spheres" if self.trees.has_spheres else "blocks"]
-        nothing = dict.fromkeys(("top_nodes", "instances", "spheres"))
-        return {"nodes": buffers["nodes"], "blocks": blocks, "block_count": np.int32(tree.block_count), **nothing}
+        buffers: dict[str, Any] = dict.fromkeys(("blocks", "spheres", "top_nodes", "instances"))
+        buffers |= self.trees.buffers | self.top_buffers
+        if self.is_lone and self.trees.has_spheres:
+            buffers |= {"blocks": buffers["spheres"], "spheres": None}
+        return buffers | {"block_count": np.int32(self.trees.trees[0].block_count if self.is_lone else 0)}
 
     @cached_property
     def defines(self) -> dict[str, int]:
