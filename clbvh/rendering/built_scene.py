@@ -126,7 +126,7 @@ class BuiltScene:
     def put(self, session: DeviceSession) -> World:
         """Put everything on the device."""
         world = open_world(session, self.state, self.trees or None, self._options.chosen_layout)
-        self.top, self.surface = None if world.top is None else world.top.bvh, world.surface
+        self.top, self.surface = None if world.top is None else world.top.bvh, Surface.of_world(world)
         return world
 
     def validate(self) -> None:

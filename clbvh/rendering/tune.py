@@ -19,9 +19,10 @@ from ..device.settings import Settings, default_settings
 from ..geometry.shapes.make_shape import make_shape
 from ..scene.scene import Scene
 from ..structs import HIT, LAYOUT_WIDTHS, PACKED_RAY
-from ..trace.rays.batch import TreeBox, read_rays
+from ..trace.rays.batch import read_rays
 from ..trace.rays.pack import pack_rays
 from ..trace.world.starts import AT_THE_ROOT, TILE_KERNEL, find_entry_points
+from ..trace.world.tree_box import TreeBox
 from ..trace.world.world import World, open_world
 from .cameras.camera import Camera
 from .cameras.framing import frame_mesh

@@ -14,7 +14,8 @@ from ...layouts.device_arrays import make_device_arrays
 from ...rendering.heat_map import draw_heat_map_of
 from ...support.host_threads import HostThreads, cut_range, usable_cores
 from ...trace.host.walk import cast_on_host
-from ...trace.rays.batch import TreeBox, read_rays
+from ...trace.rays.batch import read_rays
+from ...trace.world.tree_box import TreeBox
 from ...trace.world.trees import WideArrays
 from ..bench import FRAME_PHASES, Bench
 from ..experiment import Experiment, curve, published

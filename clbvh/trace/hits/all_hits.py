@@ -18,11 +18,13 @@ from ...structs import HIT_PRIM_ID, NO_PRIM
 from ...support.compiled import compiled
 from ...support.loop_functions import prefetch
 from ..launch import Call, Caster, Query, cut_smaller_when_full
+from ..put_rays import cut_batch, put_rays
 from ..rays.batch import RayBatch, check_room
-from ..rays.pieces import Progress, RayPiece, cut_batch, put_rays
+from ..rays.pieces import Progress, RayPiece
 from ..world.surface_arrays import SurfaceArrays
 from .hits import AllHits
 from .refine import BLOCK_HITS, PREFETCH_HITS, RefineBlock, RefinedHits, locate, refine_block
+from .surface import Surface
 
 FIRST_HITS = Query("first_hits", "hits")
 
@@ -231,7 +233,7 @@ def find_all_hits(
     # Ranges of rays with about equally many crossings.
     begins = np.searchsorted(offsets, [begin for begin, _ in caster.threads.ranges(total)]).tolist()
     caster.threads.run(refine, list(itertools.pairwise([0, *begins[1:], batch.ray_count])))
-    hits = refined.as_hits((total,), world.surface)
+    hits = refined.as_hits((total,), Surface.of_world(world))
     return AllHits(**vars(hits), offsets=offsets, known_locations=locations)
 
 

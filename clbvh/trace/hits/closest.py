@@ -12,13 +12,16 @@ from ...structs import PACKED_RAY_LANES, STEPS
 from ...support.compiled import compiled
 from ..host.walk import FIELD_COUNT, cast_on_host, walk
 from ..launch import Caster, Query, cut_smaller_when_full, device_casts_all
-from ..rays.batch import RayBatch, TreeBox, check_room, read_rays
+from ..put_rays import cut_batch, put_rays
+from ..rays.batch import RayBatch, check_room, read_rays
 from ..rays.pack import ALL_GOOD, NO_LOWS, explain_bad_ray, write_packed
-from ..rays.pieces import Progress, cut_batch, put_rays
+from ..rays.pieces import Progress
 from ..world.surface_arrays import SurfaceArrays
+from ..world.tree_box import TreeBox
 from ..world.trees import WideArrays
 from .hits import Hits
 from .refine import RefineBlock, RefinedHits, refine_closest, refine_found
+from .surface import Surface
 
 Shape = tuple[int, ...]
 
@@ -50,7 +53,7 @@ def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: P
                 with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
                     refine = partial(_refine_range, batch, piece.begin, world.arrays, found, refined)
                     call.threads.for_ranges(len(found), refine)
-    return refined.as_hits(shape, world.surface)
+    return refined.as_hits(shape, Surface.of_world(world))
 
 
 def _refine_range(

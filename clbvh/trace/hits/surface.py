@@ -18,6 +18,7 @@ from ...geometry import Mesh, Shape
 from ...structs import NO_PRIM
 from ...support.host_threads import HostThreads
 from ..world.surface_arrays import SurfaceArrays, SurfacePoints, lone_arrays, make_surface_arrays
+from ..world.world import World
 from .interpolate import group_by_geometry, interpolate_vertices
 from .locations import locate_points, make_normals, turn_normals
 from .offsets import offset_points
@@ -58,6 +59,11 @@ class Surface:
     ) -> Surface:
         """Return the surfaces of instances; see `make_surface_arrays`."""
         return cls(make_surface_arrays(shapes, geometry_id, transforms), shapes, names)
+
+    @classmethod
+    def of_world(cls, world: World) -> Surface:
+        """Return the surfaces of a world."""
+        return cls(world.arrays, world.state.shapes, world.state.names)
 
     @classmethod
     def of_mesh(cls, mesh: Mesh) -> Surface:

@@ -26,8 +26,9 @@ from ...structs import (
     PACKED_RAY_T_MIN,
 )
 from ...support.compiled import compiled
-from ..rays.batch import RayBatch, TreeBox
+from ..rays.batch import RayBatch
 from ..rays.pack import ALL_GOOD, NO_LOWS, explain_bad_ray, write_packed
+from ..world.tree_box import TreeBox
 from ..world.trees import WideArrays
 from .lanes import count_others, cross_corners, lowest_bit, make_host_ray, meet_boxes, pass_edges, shear_corner
 

@@ -27,8 +27,9 @@ from ...structs import (
 from ...support.compiled import compiled
 from ..hits.offsets import DOUBLE_ROUNDING, ROUNDING
 from ..launch import Batch, Call, Caster, Query, cut_smaller_when_full
-from ..rays.batch import Broadcast, TreeBox, broadcast_shape, check_room, read_lengths, read_masks, read_vectors
+from ..rays.batch import Broadcast, broadcast_shape, check_room, read_lengths, read_masks, read_vectors
 from ..rays.pieces import Progress
+from ..world.tree_box import TreeBox
 from .pack import cut_points_of, find_point_order, put_points, take_masks, take_points
 
 AMBIENT_OCCLUSION = Query("ambient_occlusion", "open_counts", np.dtype(np.int32))

@@ -21,8 +21,9 @@ from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from ...support.key_order import order_by_keys
 from ..launch import Batch, Call
-from ..rays.batch import Broadcast, TreeBox, too_far
+from ..rays.batch import Broadcast, too_far
 from ..rays.pieces import CHUNK_RAYS, Progress, cut_points
+from ..world.tree_box import TreeBox
 
 # A point farther away than this many times half the box's size is moved to that distance, towards the centre. From
 # there on, the closest triangle depends on little but the direction: by half of half the size over this number. A

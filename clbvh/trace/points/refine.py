@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from ...structs import HIT, NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
 from ...support.loop_functions import exponent_of, power_of_two, times_power_of_two
-from ..rays.batch import TreeBox
 from ..world.metrics import Metrics
 from ..world.surface_arrays import SurfaceArrays, place_point, place_vector
+from ..world.tree_box import TreeBox
 from .ellipsoid import find_shares
 
 

@@ -12,9 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...bvh import Bvh
 from ...errors import QueryError
-from ...geometry import Shape
 from ...geometry.arrays import has_masked_values
 from ...support.compiled import compiled
 from ...support.memory import check_memory
@@ -69,36 +67,6 @@ class RayBatch(NamedTuple):
         if dtype != self.directions.items.dtype:
             dtype = _FLOAT64
         return self.origins.part(begin, end, dtype), self.directions.part(begin, end, dtype)
-
-
-class TreeBox(NamedTuple):
-    """A box around the tree, symmetric about the mesh's origin, and the map to the mesh's local coordinates.
-
-    Attributes
-    ----------
-    centre : (3,) float64, the file's coordinates
-        The mesh's origin.
-    scale : float
-        A power of two: local units in one unit of the file.
-    half : (3,) float64, local coordinates
-        Half the size along each axis; the largest is about 1, or 0.
-    """
-
-    centre: NDArray[np.float64]
-    scale: float
-    half: NDArray[np.float64]
-
-    @classmethod
-    def around(cls, bvh: Bvh) -> TreeBox:
-        """Return the box around a tree."""
-        root = bvh.nodes[0]
-        half = np.maximum(np.abs(root["aabb_min"]), np.abs(root["aabb_max"])).astype(np.float64)
-        return cls(bvh.shape.origin, bvh.shape.scale, half)
-
-    @classmethod
-    def of_shape(cls, shape: Shape) -> TreeBox:
-        """Return the box around a shape without a tree."""
-        return cls(shape.origin, shape.scale, np.abs(shape.local_box).max(axis=0).astype(np.float64))
 
 
 def read_rays(

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from ...support.key_order import order_by_keys
-from .batch import RayBatch, RayRows, TreeBox, row_step
+from ..world.tree_box import TreeBox
+from .batch import RayBatch, RayRows, row_step
 
 # Cells along each axis of the box where six numbers make a key, those of the entry and of the exit: 4 bits of it.
 CELLS_PER_AXIS = 16

@@ -29,7 +29,8 @@ from ...structs import (
 )
 from ...support.compiled import compiled
 from ...support.loop_functions import exponent_of, power_of_two, prefetch, times_power_of_two
-from .batch import Broadcast, RayBatch, RayRows, TreeBox, row_step, too_far
+from ..world.tree_box import TreeBox
+from .batch import Broadcast, RayBatch, RayRows, row_step, too_far
 
 # The powers of two with exponents up to this, times the scale of any mesh, are normal numbers.
 _MOST_FAST_EXPONENT = 400

@@ -22,7 +22,7 @@ from ...scene.scene import Scene
 from ...scene.state import SceneState
 from ...scene.transforms import check_transforms
 from ...support.host_threads import HostThreads
-from ..rays.batch import TreeBox
+from .tree_box import TreeBox
 from .trees import DeviceTrees, RetiredBuffers, describe_tree
 from .world import World, place
 

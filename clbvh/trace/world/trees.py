@@ -23,7 +23,7 @@ from ...errors import ConfigError, SceneError
 from ...geometry import Mesh, Shape
 from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ...structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, PRIM_KINDS
-from ..rays.batch import TreeBox
+from .tree_box import TreeBox
 
 BRUTE = "brute"
 

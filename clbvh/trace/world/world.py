@@ -19,20 +19,15 @@ from ...device.session import DeviceSession
 from ...errors import SceneError
 from ...geometry import Mesh, Shape
 from ...scene.state import SceneState
-from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, HIT, LAYOUTS, WORLD_HIT
-from ..hits.surface import Surface
-from ..rays.batch import TreeBox
-from ..rays.pack import NEAR_SHARE
+from ...structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUTS, WORLD_HIT
 from .metrics import LazyMetrics
 from .surface_arrays import SurfaceArrays, lone_arrays, make_surface_arrays, move_instances
 from .top_tree import TopTree
+from .tree_box import TreeBox
 from .trees import BRUTE, DeviceTrees, WideArrays, check_layout
 
 # No builder's tree is deeper, so that all worlds share one compiled kernel.
 _TOP_STACK_SIZE = 64
-
-# Room for the rounding of the distance that is compared with the radius.
-_ROUNDING_ROOM = 1 - 2.0**-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,11 +113,6 @@ class World:
         return shape if self.is_lone and isinstance(shape, Mesh) else None
 
     @cached_property
-    def surface(self) -> Surface:
-        """What hits know of the world."""
-        return Surface(self.arrays, self.state.shapes, self.state.names)
-
-    @cached_property
     def prim_count(self) -> int:
         """Primitives of all instances."""
         counts = np.array([shape.prim_count for shape in self.state.shapes], np.int64)
@@ -132,15 +122,6 @@ class World:
     def most_hits(self) -> int:
         """Most hits that a ray can have: one with each triangle, two with each sphere."""
         return self.prim_count if self.mesh is not None else 2 * self.prim_count
-
-    @property
-    def advances_rays(self) -> bool:
-        """Whether a ray may begin so far from an instance that it is advanced, see cl/instances/instance.cl."""
-        if self.top is None:
-            return False
-        # The centre of an instance lies in the box, and no packed ray begins farther from that along an axis.
-        farthest = (NEAR_SHARE + 1) * float(self.box.half.max())
-        return float(self.top.instances["radius"].min()) * FAR_RADII * _ROUNDING_ROOM < farthest
 
     def on_host(self) -> WideArrays | None:
         """Return the tree as the host sees it, for calls that are running; None where it does not."""

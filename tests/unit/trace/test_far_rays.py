@@ -5,8 +5,9 @@ import pytest
 
 from clbvh import Mesh, Tracer, build
 from clbvh.structs import PACKED_RAY
-from clbvh.trace.rays.batch import TreeBox, read_rays
+from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.rays.pack import pack_rays
+from clbvh.trace.world.tree_box import TreeBox
 
 KILOMETRE, MILLIMETRE = 1e3, 1e-3
 

@@ -6,7 +6,7 @@ import pytest
 from clbvh.support.host_threads import HostThreads
 from clbvh.trace.points import pack as point_order
 from clbvh.trace.points.pack import find_point_order
-from clbvh.trace.rays.batch import TreeBox
+from clbvh.trace.world.tree_box import TreeBox
 
 from ...rays import hard_rays
 

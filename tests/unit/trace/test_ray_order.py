@@ -7,8 +7,9 @@ from clbvh import Tracer, build, make_shape
 from clbvh.support.host_threads import HostThreads
 from clbvh.trace.hits import all_hits as crossings_module
 from clbvh.trace.rays import pieces
-from clbvh.trace.rays.batch import TreeBox, read_rays
+from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.rays.coherence import is_pencil, sort_rays
+from clbvh.trace.world.tree_box import TreeBox
 
 from ...profiles import seeds
 from ...rays import aim, hard_rays
