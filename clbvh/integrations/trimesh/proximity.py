@@ -102,8 +102,7 @@ class ProximityQuery:
         # The others are nearest to an edge or a vertex.
         beside = away[~is_over]
         if len(beside):
-            device, layout = self._found_options()
-            engine = RayMeshIntersector(mesh, device=device, layout=layout)
+            engine = RayMeshIntersector(mesh, **self._found_options()._asdict())
             distance[beside] *= np.where(engine.contains_points(vectors[beside]), 1.0, -1.0)
         return distance
 
@@ -165,8 +164,7 @@ class ProximityQuery:
             choose_facing(points, known.mesh, known.vertex_faces, tol.merge, closest)
             return closest
 
-        closest: ClosestPoints = self._find_tracer().ask(self._mesh, find)
-        return closest
+        return self._find_tracer().ask(self._mesh, find)
 
     def _find_tracer(self) -> FollowingTracer:
         return find_tracer(self._mesh, self._found_options(), keep=True)

@@ -349,6 +349,9 @@ class SceneRay(RayEngine):
     `geometries`. One hit per surface crossing of each node. Rays without direction, or that are not finite, hit
     nothing. Any number of threads may use one object, as long as none changes the scene meanwhile.
 
+    All engines of one scene with the same options share its trees; the device's memory goes back with the last engine,
+    or by `close`.
+
     Examples
     --------
     >>> import trimesh

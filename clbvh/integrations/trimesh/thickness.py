@@ -19,8 +19,6 @@ from .tracers import find_tracer, options_for, read_mesh
 # Most numbers in a temporary array with one for each pair of a vertex and a ray.
 _CHUNK = 1 << 22
 
-_METHODS = ("max_sphere", "ray")
-
 
 def longest_ray(mesh: Any, points: ArrayLike, directions: ArrayLike) -> NDArray[np.float64]:
     """Return (n,) float64: how far rays go before they meet the mesh, infinite for those that never do.
@@ -181,7 +179,7 @@ def thickness(
     >>> thickness(trimesh.creation.box(), [[0, 0, 0.5]]).round(6)
     array([1.])
     """
-    if method not in _METHODS:
+    if method not in ("max_sphere", "ray"):
         raise ConfigError(f"method must be 'max_sphere' or 'ray', not {method!r}")
     mesh = read_mesh(mesh)
     starts = read_points(points)
