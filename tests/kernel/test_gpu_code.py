@@ -24,9 +24,18 @@ report = load_report()
 compiles = pytest.mark.skipif(bool(report.find_missing()), reason=report.find_missing())
 
 # The layout of GPUs, and kernels with all that a traversal needs. `make gpu-report` compiles the others, too.
-KERNELS = ("closest_hit", "first_hits", "closest_point", "ambient_occlusion", "scene_closest_hit")
-PROGRAMS = [program for program in report.list_programs(["bvh2"]) if program.kernel in KERNELS]
+KERNELS = ("closest_hit", "first_hits", "closest_point", "ambient_occlusion")
+PROGRAMS = [
+    program
+    for program in report.list_programs(["bvh2"])
+    if program.kernel == "closest_hit" or (program.kernel in KERNELS and not program.of_scene)
+]
 GPUS = [gpu for gpu in report.AMD if gpu.name != "gfx1100"]  # clang 15 gives that one half of its registers
+
+
+def name_program(program):
+    return f"{program.kernel}{', scenes' if program.of_scene else ''}"
+
 
 # Bytes of private memory beside the stacks: a few vectors.
 ELSE = 32
@@ -34,7 +43,7 @@ ELSE = 32
 
 @compiles
 @pytest.mark.parametrize("gpu", GPUS, ids=lambda gpu: gpu.name)
-@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.kernel)
+@pytest.mark.parametrize("program", PROGRAMS, ids=name_program)
 def test_bvh2_spills_no_register_and_keeps_nothing_but_stacks_in_memory(program, gpu):
     figures = report.compile_for_amd(program, gpu)
     stacks = 4 * (program.defines["STACK_SIZE"] + program.defines.get("TOP_STACK_SIZE", 0))
@@ -44,7 +53,7 @@ def test_bvh2_spills_no_register_and_keeps_nothing_but_stacks_in_memory(program,
 
 @compiles
 @pytest.mark.skipif(report.find_ptxas() is None, reason=report.NO_PTXAS)
-@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.kernel)
+@pytest.mark.parametrize("program", PROGRAMS, ids=name_program)
 def test_bvh2_spills_no_register_of_nvidia(program):
     ptx = report.compile_to_ptx(program)
     figures = report.assemble_for_nvidia(ptx, report.NVIDIA[-1], report.find_ptxas())
@@ -53,7 +62,7 @@ def test_bvh2_spills_no_register_of_nvidia(program):
 
 @compiles
 def test_nodes_are_loaded_in_long_words():
-    (closest_hit,) = [program for program in PROGRAMS if program.kernel == "closest_hit"]
+    (closest_hit,) = [program for program in PROGRAMS if name_program(program) == "closest_hit"]
     ptx = report.compile_to_ptx(closest_hit)
     # The boxes of two children are twelve words, what follows them four.
     assert ptx.count("ld.global.v4") >= 4
@@ -62,7 +71,7 @@ def test_nodes_are_loaded_in_long_words():
 
 
 @compiles
-@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.kernel)
+@pytest.mark.parametrize("program", PROGRAMS, ids=name_program)
 def test_arithmetic_is_that_of_every_device(program):
     ptx = report.compile_to_ptx(program)
     # An operation that does not say how it rounds may be fused with the next one, or be an approximation.
@@ -82,5 +91,6 @@ def test_every_kernel_is_compiled_in_every_layout():
     programs = list(report.list_programs())
     folder = report.find_folder("cl") / "kernels"
     assert {program.kernel for program in programs} == {path.stem for path in folder.glob("*.cl")}
-    of_scenes = {program.layout for program in programs if program.kernel == "scene_closest_hit"}
-    assert of_scenes == {"bvh2", "bvh4", "bvh8"}
+    for of_scene in (False, True):
+        layouts = {each.layout for each in programs if each.kernel == "closest_hit" and each.of_scene == of_scene}
+        assert layouts == {"bvh2", "bvh4", "bvh8"}
