@@ -11,7 +11,7 @@ import pytest
 import clbvh
 from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.structs import LAYOUT_WIDTHS
-from clbvh.trace.rays import pieces
+from clbvh.trace import put_rays
 from clbvh.trace.rays.pieces import RayPiece, cut_rays
 
 from .paired import DEFAULT_RUNS, measure_ms
@@ -29,7 +29,7 @@ def unsorted_rays(monkeypatch):
         for piece in cut_rays(*arguments, **options):
             yield piece if piece.order is None else RayPiece(piece.begin, piece.end)
 
-    monkeypatch.setattr(pieces, "cut_rays", cut_unsorted)
+    monkeypatch.setattr(put_rays, "cut_rays", cut_unsorted)
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +113,7 @@ def test_gain_of_entry_points(rays, tracers, monkeypatch, kind):
 
     def from_the_root() -> float:
         with monkeypatch.context() as patch:
-            patch.setattr(pieces, "cut_rays", cut_incoherent)
+            patch.setattr(put_rays, "cut_rays", cut_incoherent)
             return with_entry_points()
 
     tasks = {"with entry points": with_entry_points, "from the root": from_the_root}

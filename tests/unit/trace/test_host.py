@@ -14,8 +14,8 @@ from clbvh.trace import launch
 from clbvh.trace.hits import closest
 from clbvh.trace.hits.closest import CLOSEST_HIT
 from clbvh.trace.host.walk import count_steps
-from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.put_rays import cut_batch, put_rays
+from clbvh.trace.rays.batch import read_rays
 
 from ...profiles import seeds
 from ...rays import aim, axis_rays, centred, edge_midpoints, hard_rays, random_rays

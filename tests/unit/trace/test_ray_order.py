@@ -5,6 +5,7 @@ import pytest
 
 from clbvh import Tracer, build, make_shape
 from clbvh.support.host_threads import HostThreads
+from clbvh.trace import put_rays
 from clbvh.trace.hits import all_hits as crossings_module
 from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import read_rays
@@ -104,7 +105,7 @@ def test_rays_at_a_small_tree_are_sorted_where_they_hit(session, monkeypatch):
         tracer.closest_hit(origins, directions)
         assert len(sorts) == 1
         # A large tree is not sampled, and neither is one that the host does not see.
-        monkeypatch.setattr(pieces, "MOST_SAMPLED_BYTES", 1)
+        monkeypatch.setattr(put_rays, "MOST_SAMPLED_BYTES", 1)
         tracer.closest_hit(origins, 4 * directions - 3 * np.roll(directions, 1, axis=1))
         assert len(sorts) == 2
         monkeypatch.undo()

@@ -9,6 +9,7 @@ import clbvh
 from clbvh import Tracer
 from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.structs import ENTRY_POINT_LAYOUTS, TILE
+from clbvh.trace import put_rays
 from clbvh.trace.rays import pieces
 from clbvh.trace.world.world import World
 
@@ -36,7 +37,7 @@ def small_pictures(monkeypatch):
 @pytest.fixture
 def tiles(monkeypatch):
     """The tiles that are found from now on, launch by launch."""
-    found, find = [], pieces.find_entry_points
+    found, find = [], put_rays.find_entry_points
 
     def record(session, world, kernel, take, work_size, tile, **arguments):
         starts = find(session, world, kernel, take, work_size, tile, **arguments)
@@ -45,7 +46,7 @@ def tiles(monkeypatch):
             found.append(items.copy())
         return starts
 
-    monkeypatch.setattr(pieces, "find_entry_points", record)
+    monkeypatch.setattr(put_rays, "find_entry_points", record)
     return found
 
 
