@@ -75,7 +75,7 @@ class World:
         """What every kernel is told of the world, by the names of its arguments; see cl/world/world.cl."""
         buffers: dict[str, Any] = dict.fromkeys(("blocks", "spheres", "top_nodes", "instances"))
         buffers |= self.trees.buffers | self.top_buffers
-        if self.is_lone and self.trees.has_spheres:
+        if self.is_lone and self.has_spheres:
             buffers |= {"blocks": buffers["spheres"], "spheres": None}
         return buffers | {"block_count": np.int32(self.trees.trees[0].block_count if self.is_lone else 0)}
 
@@ -83,7 +83,12 @@ class World:
     def defines(self) -> dict[str, int]:
         """Macros of every kernel that traverses the world."""
         trees = self.trees
-        return make_defines(trees.layout, trees.stack_size, is_lone=self.is_lone, has_spheres=trees.has_spheres)
+        return make_defines(trees.layout, trees.stack_size, is_lone=self.is_lone, has_spheres=self.has_spheres)
+
+    @property
+    def has_spheres(self) -> bool:
+        """Whether rays can meet spheres, those of a lone world alone: nothing places the other shapes."""
+        return self.mesh is None if self.is_lone else self.trees.has_spheres
 
     @property
     def hit_dtype(self) -> np.dtype:

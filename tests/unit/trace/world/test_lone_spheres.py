@@ -160,3 +160,16 @@ def test_spheres_of_any_size_far_from_zero(size, generator):
         # Of several spheres in a line, the first.
         first = [centres[(centres[:, :2] == centre[:2]).all(axis=1), 2].max() for centre in centres]
         np.testing.assert_allclose(hits.t, centres[:, 2] + 2.0**16 * size - first - 2.0**-10 * size, rtol=2.0**-50)
+
+
+@pytest.mark.parametrize("shape", ["mesh", "spheres"])
+def test_a_shape_that_nothing_places_is_not_seen(shape, generator, spheres):
+    knot = clbvh.make_shape("knot", triangles=500)
+    placed, other = (knot, spheres) if shape == "mesh" else (spheres, knot)
+    scene = scene_of(placed)
+    scene.add(other)
+    rays = sphere_rays(spheres, 1000, generator)
+    with clbvh.Tracer(scene) as tracer, clbvh.Tracer(scene_of(placed)) as expected:
+        for few in (slice(0, 20), slice(None)):
+            of_few = [values[few] for values in rays]
+            assert bytes_of(tracer.closest_hit(*of_few)) == bytes_of(expected.closest_hit(*of_few))
