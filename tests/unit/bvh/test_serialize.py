@@ -163,6 +163,7 @@ def test_a_forged_number_of_nodes_allocates_nothing(tmp_path, count):
         pytest.param([*RIGHT_LINKS[:2], (-1, 0), *RIGHT_LINKS[3:]], RIGHT_PRIMS, id="a negative child"),
         pytest.param([(1, 0), (0, 2), (2, 2), (2, 1), (3, 1)], RIGHT_PRIMS, id="nodes that nothing reaches"),
         pytest.param([(1, 0), (0, 1), (1, 1), (2, 1), (3, 1)], RIGHT_PRIMS, id="leaves that nothing reaches"),
+        pytest.param([(1, 0), (0, 2), (2, 1), (3, 0), (3, 1)], RIGHT_PRIMS, id="a circle that nothing reaches"),
         pytest.param([(1, 0), (0, -2), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="a negative count"),
         pytest.param([(1, 0), (0, -(2**31)), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="the lowest count"),
         pytest.param([(1, 0), (0, 2**31 - 1), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="a huge count"),
