@@ -1,4 +1,4 @@
-"""The judge of all hits in scenes: whether they are all crossings that there can be, in their order."""
+"""The check of all hits in worlds: whether they are all crossings that there can be, in their order."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from clbvh.support.compiled import compiled
 from clbvh.trace.check.intersections import Intersections, Rays
-from clbvh.trace.check.reference import _RIGHT, Reference, _ids, _is_twin, _limited, _slack
+from clbvh.trace.check.reference import Reference, are_twins, limit_t, read_ids, slack_of
 
 
 def find_wrong_crossings(
@@ -34,19 +34,19 @@ def find_wrong_crossings(
         one of them is missing.
     """
     known = reference.intersections(rays) if intersections is None else intersections
-    t, instance, prim = _ids(hits)
+    t, instance, prim = read_ids(hits)
     is_wrong, meant = np.zeros(len(rays.t_min), np.bool_), np.full(len(t), -1, np.int64)
     offsets = np.asarray(hits.offsets, np.int64)
-    _judge_crossings(known, rays.t_min, rays.t_max, offsets, t, instance, prim, is_wrong, meant)
+    _check_hits(known, rays.t_min, rays.t_max, offsets, t, instance, prim, is_wrong, meant)
     ray_of_hit = np.repeat(np.arange(len(is_wrong)), np.diff(offsets))
-    judged = np.flatnonzero(~is_wrong[ray_of_hit])
-    points = reference._judge_points(rays, hits, known, judged, ray_of_hit[judged], meant[judged])
-    is_wrong[ray_of_hit[judged[points != _RIGHT]]] = True
+    checked = np.flatnonzero(~is_wrong[ray_of_hit])
+    points = reference.check_points(rays, hits, known, checked, meant[checked])
+    is_wrong[ray_of_hit[checked[points != 0]]] = True
     return np.flatnonzero(is_wrong)
 
 
 @compiled
-def _judge_crossings(known, t_mins, t_maxs, offsets, ts, instances, prims, is_wrong, meant_of):
+def _check_hits(known, t_mins, t_maxs, offsets, ts, instances, prims, is_wrong, meant_of):
     """Write which rays' crossings are wrong, and which crossings are meant; see `find_wrong_crossings`."""
     is_used = np.zeros(len(known.t), np.bool_)
     for ray in range(len(is_wrong)):
@@ -56,7 +56,7 @@ def _judge_crossings(known, t_mins, t_maxs, offsets, ts, instances, prims, is_wr
             # Each crossing found is one that there can be. A t may be raised to that of the crossing before it.
             for raised in (-np.inf, latest):
                 for meant in range(begin, end):
-                    low, high = _limited(known, meant, t_mins[ray], t_maxs[ray])
+                    low, high = limit_t(known, meant, t_mins[ray], t_maxs[ray])
                     if (
                         meant_of[hit] < 0
                         and not is_used[meant]
@@ -70,14 +70,14 @@ def _judge_crossings(known, t_mins, t_maxs, offsets, ts, instances, prims, is_wr
             if meant < 0 or (hit > offsets[ray] and not ts[hit] >= ts[hit - 1]):
                 is_wrong[ray] = True
                 break
-            latest = max(latest, _limited(known, meant, t_mins[ray], t_maxs[ray])[1])
+            latest = max(latest, limit_t(known, meant, t_mins[ray], t_maxs[ray])[1])
 
             # None of those before it is surely behind it; and of twins, those with smaller ids come first.
             for before in range(offsets[ray], hit):
                 earlier = meant_of[before]
-                if known.t_high[meant] + _slack(known, meant, earlier) < known.t_low[earlier]:
+                if known.t_high[meant] + slack_of(known, meant, earlier) < known.t_low[earlier]:
                     is_wrong[ray] = True
-                if _is_twin(known, meant, earlier) and (
+                if are_twins(known, meant, earlier) and (
                     instances[hit] < instances[before]
                     or (instances[hit] == instances[before] and prims[hit] < prims[before])
                 ):
@@ -89,4 +89,4 @@ def _judge_crossings(known, t_mins, t_maxs, offsets, ts, instances, prims, is_wr
                 continue
             is_wrong[ray] |= known.is_sure[index]
             for other in range(begin, end):
-                is_wrong[ray] |= is_used[other] and _is_twin(known, index, other)
+                is_wrong[ray] |= is_used[other] and are_twins(known, index, other)

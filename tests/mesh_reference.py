@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from clbvh.geometry import Mesh
 from clbvh.structs import NO_PRIM
 from clbvh.support.compiled import compiled
-from clbvh.trace.check.triangle import judge_triangle, make_frame, project
+from clbvh.trace.check.intersections import make_frame, meet_triangle, project
 from clbvh.trace.hits.hits import AllHits, Hits
 
 # How far the device's float32 may be off, in units of the rounding of the largest coordinate that the test sees,
@@ -151,7 +151,6 @@ def _judge_crossings(question, offsets, prim_ids, is_wrong):
     """Compare every ray's crossings with every triangle; see `find_wrong_crossings`."""
     vertices, faces, degenerate = question.vertices, question.faces, question.degenerate
     origins, directions, rounding = question.origins, question.directions, question.rounding
-    verdict = np.empty(4, np.float64)
     frame = np.empty((3, 3), np.float64)
     found_by = np.full(len(faces), -1, np.int64)
     for ray in range(len(origins)):
@@ -164,9 +163,9 @@ def _judge_crossings(question, offsets, prim_ids, is_wrong):
             if degenerate[prim]:
                 is_wrong[ray] |= is_found
                 continue
-            _test(vertices, faces, prim, origins[ray], frame, rounding, verdict)
-            surely_crossed = verdict[0] > 0.0 and verdict[2] > 0.0
-            surely_missed = verdict[0] < 0.0 or verdict[3] < 0.0
+            sureness, _, low, high = _meet(vertices, faces, prim, origins[ray], frame, rounding)
+            surely_crossed = sureness > 0 and low > 0.0
+            surely_missed = sureness < 0 or high < 0.0
             is_wrong[ray] |= (surely_crossed and not is_found) or (surely_missed and is_found)
 
 
@@ -176,7 +175,6 @@ def _judge(question, hits, nearest_sure, sure_prim, possible):
     vertices, faces, degenerate = question.vertices, question.faces, question.degenerate
     origins, directions, rounding = question.origins, question.directions, question.rounding
     hit_t, hit_u, hit_v, hit_prim = hits.t, hits.u, hits.v, hits.prim_id
-    verdict = np.empty(4, np.float64)
     frame = np.empty((3, 3), np.float64)
     for ray in range(len(origins)):
         length = make_frame(directions[ray], frame)
@@ -189,11 +187,10 @@ def _judge(question, hits, nearest_sure, sure_prim, possible):
         elif prim < 0 or prim >= len(faces) or degenerate[prim]:
             possible[ray] = False
         else:
-            _test(vertices, faces, prim, origins[ray], frame, rounding, verdict)
-            found_at_least = verdict[2]
+            sureness, _, found_at_least, high = _meet(vertices, faces, prim, origins[ray], frame, rounding)
             possible[ray] = (
-                verdict[0] >= 0.0
-                and verdict[2] <= hit_t[ray] * length <= verdict[3]
+                sureness >= 0
+                and found_at_least <= hit_t[ray] * length <= high
                 and _is_on_ray(vertices, faces, prim, origins[ray], frame, rounding, hit_u[ray], hit_v[ray])
             )
 
@@ -202,22 +199,22 @@ def _judge(question, hits, nearest_sure, sure_prim, possible):
         for prim in range(len(faces)):
             if degenerate[prim]:
                 continue
-            _test(vertices, faces, prim, origins[ray], frame, rounding, verdict)
-            if verdict[0] > 0.0 and verdict[2] > 0.0 and verdict[1] < nearest_sure[ray] * length:
-                nearest_sure[ray], sure_prim[ray] = verdict[1] / length, prim
-                if verdict[3] < found_at_least:
+            sureness, distance, low, high = _meet(vertices, faces, prim, origins[ray], frame, rounding)
+            if sureness > 0 and low > 0.0 and distance < nearest_sure[ray] * length:
+                nearest_sure[ray], sure_prim[ray] = distance / length, prim
+                if high < found_at_least:
                     possible[ray] = False
 
 
 @compiled
-def _test(vertices, faces, prim, origin, frame, rounding, verdict):
-    """Test one triangle against one ray; see `judge_triangle`."""
+def _meet(vertices, faces, prim, origin, frame, rounding):
+    """Test one triangle against one ray; see `meet_triangle`."""
     # The corners as seen from the ray's origin, and what float32 can do to them.
     a = project(vertices, faces[prim, 0], origin, frame)
     b = project(vertices, faces[prim, 1], origin, frame)
     c = project(vertices, faces[prim, 2], origin, frame)
     reach = max(abs(a[0]), abs(a[1]), abs(a[2]), abs(b[0]), abs(b[1]), abs(b[2]), abs(c[0]), abs(c[1]), abs(c[2]))
-    judge_triangle(a, b, c, rounding * reach, verdict)
+    return meet_triangle(a, b, c, rounding * reach)
 
 
 @compiled

@@ -8,9 +8,7 @@ import clbvh
 from clbvh import Mesh, Tracer
 from clbvh.builders.build import build_tree
 from clbvh.structs import LAYOUT_WIDTHS
-from clbvh.trace.check import intersections
-from clbvh.trace.check.instances import Tolerance, find_instances
-from clbvh.trace.check.intersections import Rays, find_intersections
+from clbvh.trace.check.intersections import Rays
 from clbvh.trace.check.reference import Reference
 from clbvh.trace.world.trees import BRUTE
 
@@ -247,34 +245,6 @@ def test_the_first_of_all_hits_is_the_closest_one_far_away(opened):
         closest = tracer.closest_hit(scene.origins, scene.directions)
         first = tracer.all_hits(scene.origins, scene.directions, max_hits=1)
     np.testing.assert_array_equal(first.prim_id, closest.prim_id[closest.is_hit])
-
-
-@examples(short=25, long=1000)
-@given(scene=random_scenes())
-def test_the_oracle_leaves_out_no_instance_that_a_ray_may_meet(scene):
-    """Instances that a ray passes by are left out of it before anything else is computed of them."""
-    rays = Rays.make(scene.origins, scene.directions, mask=scene.generator.choice(RAY_MASKS, len(scene.origins)))
-    found = find_intersections(scene.state, rays)
-
-    def find_all(bound, origins, directions, masks, near):
-        seen = np.flatnonzero(masks & bound.mask)
-        near[: len(seen)] = seen
-        return len(seen)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(intersections, "_find_near", find_all)
-        expected = find_intersections(scene.state, rays)
-    for name in expected._fields:
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
-
-
-def test_most_instances_are_left_out():
-    """So that the test above can fail, and the oracle is as fast as it is meant to be."""
-    scene = make_scene(3, ("cube", "ball"), tuple(LINEAR))
-    bound = intersections._bound(find_instances(scene.state)[0], Tolerance(), 100.0)
-    directions = scene.directions / np.linalg.norm(scene.directions, axis=1)[:, None]
-    masks, near = np.full(RAYS, 2**32 - 1, np.uint32), np.empty(RAYS, np.int64)
-    assert 0 < intersections._find_near(bound, scene.origins, directions, masks, near) < 0.7 * RAYS
 
 
 def test_workers_build_the_same_trees_and_so_the_same_hits(opened, pools):

@@ -1,19 +1,19 @@
-"""Where each instance of a scene is, and how far the device may see a ray of it from where the ray is.
+"""Where each instance of a world is, and how far the device may see a ray of it from where the ray is.
 
-Everything is in float64, and in a unit of about the instance's size around its centre: so neither a scene's unit nor
+Everything is in float64, and in a unit of about the instance's size around its centre: so neither a world's unit nor
 its distance from zero costs a digit.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry.spheres import Shape
 from ...scene.state import SceneState
+from ...support.compiled import compiled
 
 # Rotations, mirrors and uniform scales in float64 stretch all directions alike, but for this.
 _SIMILAR = 2.0**-40
@@ -25,8 +25,7 @@ _CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T == 1
 _ROOM = 1.0 + 2.0**-20
 
 
-@dataclass(frozen=True)
-class Tolerance:
+class Tolerance(NamedTuple):
     """How far the device may be off; the bound that the oracle grants it.
 
     Attributes
@@ -36,14 +35,14 @@ class Tolerance:
         from which it is seen. The map to local coordinates rounds each coordinate about four times, and the tests of
         primitives about six; 16 times 2^-24 is granted for all.
     pair : float
-        Of a position in the world, as a share of its distance from the instance and of the size of the scene: a pair of
+        Of a position in the world, as a share of its distance from the instance and of the size of the world: a pair of
         float32 has 48 bits.
     near : float
         A ray that starts farther away than this many radii of the instance is advanced to before it: 32 half diagonals
         of its box, along one axis.
     order : float
         Of t, where hits of different instances are compared, and where t is compared with limits, as a share of t or of
-        the size of the scene: t is a float32 there.
+        the size of the world: t is a float32 there.
     """
 
     entering: float = 2.0**-20
@@ -91,39 +90,45 @@ class Instance(NamedTuple):
         """Return (n, 3) points of the world in units, seen from the centre."""
         return (points - self.centre) / self.unit
 
-    def blurs(
-        self, blur: Tolerance, origins: NDArray[np.float64], size: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return how far the device may see rays from where they are, in units, and in local units.
-
-        Parameters
-        ----------
-        blur : Tolerance
-        origins : (n, 3) float64, units, seen from the centre
-        size : float, world units
-            The radius of the scene.
-        """
-        distances = np.linalg.norm(origins, axis=1)
-        reach = self.radius + np.minimum(distances, blur.near * self.radius)
-        rounded = blur.pair * (distances + size / self.unit)
-        entering = blur.entering * reach
-        return self.growth * entering + rounded, self.local_growth * (entering + rounded)
+    @property
+    def numbers(self) -> Any:
+        """The instance as compiled functions take it: without its shape."""
+        return self._replace(shape=None)  # type: ignore[arg-type]
 
 
-def find_instances(scene: SceneState) -> list[Instance]:
-    """Return the placements of all instances, in the order of their ids."""
-    geometry_ids = np.asarray(scene.geometry_ids, np.int64)
-    transforms = np.asarray(scene.transforms, np.float64).reshape(-1, 4, 4)
+@compiled
+def find_blur(instance, tolerance, distance, size):
+    """Return how far the device may see a ray from where it is, in units, and in local units.
+
+    Parameters
+    ----------
+    instance : Instance, without its shape
+    tolerance : Tolerance
+    distance : float64 or (n,) float64, units
+        Of the ray's origin from the centre.
+    size : float64, world units
+        The radius of the world.
+    """
+    reach = instance.radius + np.minimum(distance, tolerance.near * instance.radius)
+    rounded = tolerance.pair * (distance + size / instance.unit)
+    entering = tolerance.entering * reach
+    return instance.growth * entering + rounded, instance.local_growth * (entering + rounded)
+
+
+def find_instances(world: SceneState) -> list[Instance]:
+    """Return all instances, in the order of their ids."""
+    geometry_ids = np.asarray(world.geometry_ids, np.int64)
+    transforms = np.asarray(world.transforms, np.float64).reshape(-1, 4, 4)
     if len(transforms) == 0:
         return []
-    linear, scales = transforms[:, :3, :3], np.array([shape.scale for shape in scene.shapes])[geometry_ids]
-    origins = np.array([shape.origin for shape in scene.shapes])[geometry_ids]
+    linear, scales = transforms[:, :3, :3], np.array([shape.scale for shape in world.shapes])[geometry_ids]
+    origins = np.array([shape.origin for shape in world.shapes])[geometry_ids]
     centres = np.einsum("nij,nj->ni", linear, origins) + transforms[:, :3, 3]
 
     # A power of two first, so that squares stay within float64.
     sizes = np.ldexp(1.0, np.frexp(np.abs(linear).max(axis=(1, 2)) / scales)[1])
     local_to_world = linear / scales[:, None, None] / sizes[:, None, None]
-    radii = _find_radii(scene, geometry_ids, local_to_world)
+    radii = _find_radii(world, geometry_ids, local_to_world)
     exponents = np.where(radii > 0.0, np.frexp(radii)[1], 0)
     units = sizes * np.ldexp(1.0, exponents)
     to_world = local_to_world / np.ldexp(1.0, exponents)[:, None, None]
@@ -133,7 +138,7 @@ def find_instances(scene: SceneState) -> list[Instance]:
     radii = np.ldexp(radii, -exponents)
     return [
         Instance(
-            index, geometry_id, int(scene.masks[index]), scene.shapes[geometry_id], float(units[index]), centres[index],
+            index, geometry_id, int(world.masks[index]), world.shapes[geometry_id], float(units[index]), centres[index],
             to_world[index], to_local[index], float(radii[index]), float(growths[index]), float(local_growths[index]),
         )
         for index, geometry_id in enumerate(geometry_ids.tolist())
@@ -141,10 +146,10 @@ def find_instances(scene: SceneState) -> list[Instance]:
 
 
 def _find_radii(
-    scene: SceneState, geometry_ids: NDArray[np.int64], local_to_world: NDArray[np.float64]
+    world: SceneState, geometry_ids: NDArray[np.int64], local_to_world: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return (n,) float64: the distance of the farthest corner of each instance's box from local zero."""
-    boxes = np.array([shape.local_box for shape in scene.shapes], np.float64)
+    boxes = np.array([shape.local_box for shape in world.shapes], np.float64)
     corners = np.where(_CORNERS, boxes[:, None, 1], boxes[:, None, 0])
     placed = np.einsum("nij,ncj->nci", local_to_world, corners[geometry_ids])
     radii = np.linalg.norm(placed, axis=2).max(axis=1)
@@ -155,8 +160,10 @@ def _find_radii(
     return np.where(is_similar, stretches[:, 0] * farthest, radii) * _ROOM
 
 
-def world_radius(placements: list[Instance]) -> float:
+def world_radius(instances: list[Instance]) -> float:
     """Return half the diagonal of the box around the bounding spheres of all instances, in the world's unit."""
-    lower = np.min([placed.centre - placed.radius * placed.unit for placed in placements], axis=0)
-    upper = np.max([placed.centre + placed.radius * placed.unit for placed in placements], axis=0)
+    if not instances:
+        return 0.0
+    lower = np.min([each.centre - each.radius * each.unit for each in instances], axis=0)
+    upper = np.max([each.centre + each.radius * each.unit for each in instances], axis=0)
     return float(np.linalg.norm(upper / 2 - lower / 2))

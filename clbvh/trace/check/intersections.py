@@ -1,31 +1,40 @@
-"""Every crossing of every ray with every primitive of a scene that there can be, and how sure each of them is.
+"""Every intersection of every ray with every primitive of a world that there can be, and how sure each of them is.
 
-The device rounds, so a ray that passes an edge, a sphere's outline, or one of its own limits closer than the blur may
-cross a primitive or miss it: such a crossing is listed, but is not sure. A crossing that is not listed cannot be.
+The device rounds, so a ray that passes an edge, a sphere's outline, or one of its own limits closer than the tolerance
+may hit a primitive or miss it: such an intersection is listed, but is not sure. One that is not listed cannot be.
+
+Triangles are met in an orthonormal frame of the ray, instead of the device's shear, and spheres in their own space.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...geometry.mesh import Mesh
-from ...geometry.spheres import Shape
+from ...scene.state import SceneState
 from ...support.compiled import compiled
-from .instances import Instance, SceneState, Tolerance, find_instances, world_radius
-from .triangle import judge_triangle, make_frame, project
+from ...support.loop_functions import add_scaled, dot, subtract
+from .instances import Instance, Tolerance, find_blur, find_instances, world_radius
 
 # Intersections that there is room for at first, for each ray of an instance.
 _FIRST_ROOM = 4
 
-# The rays of a scene are advanced to within this many times `Tolerance.near` radii of it; beyond, t does not grow.
+# The rays of a world are advanced to within this many times `Tolerance.near` radii of it; beyond, t does not grow.
 _ADVANCED = 2.0
 
-# Room for rounding where a ray is said to pass an instance by, as a share of the bound and of the way to the instance;
-# an instance this many scenes away is never said to be passed.
-_PASS_SHARE, _PASS_ROUNDING, _FARTHEST = 1.0 + 2.0**-20, 2.0**-44, 2.0**300
+# A component of a normal is a difference of two products, each of two edges: float64 rounds it by this share of the
+# square of the largest edge at most.
+_NORMAL_ROUNDING = 2.0**-50
+
+# An intersection as it is found: the fields of `Intersections` but the twins, and the ray.
+_FOUND = np.dtype(
+    [("ray", "i8"), ("instance_id", "i8"), ("geometry_id", "i8"), ("prim_id", "i8"), ("t", "f8"), ("t_low", "f8"),
+     ("t_high", "f8"), ("t_slack", "f8"), ("side", "i8"), ("is_sure", "?")],
+    align=True,
+)  # fmt: skip
 
 
 class Rays(NamedTuple):
@@ -75,17 +84,17 @@ class Intersections(NamedTuple):
     Attributes
     ----------
     offsets : (rays + 1,) int64
-        The crossings of ray i are those from ``offsets[i]`` to ``offsets[i + 1]``.
+        The intersections of ray i are those from ``offsets[i]`` to ``offsets[i + 1]``.
     instance_id, geometry_id, prim_id : (m,) int64
     t : (m,) float64
     t_low, t_high : (m,) float64
         Where the device may find it. A t beyond the limits of the ray is reported as the limit.
     t_slack : (m,) float64
         By how much t may be off besides, where it is compared with t of other instances.
-    is_sure : (m,) bool
-        Whether the device must find it.
     side : (m,) int64
         -1 where the ray enters a sphere, 1 where it leaves it, 0 of triangles.
+    is_sure : (m,) bool
+        Whether the device must find it.
     twin_instance, twin_prim : (m,) int64
         The first instance that is placed as this one, and the first primitive of the geometry that equals this one:
         the device sees them at exactly the same t.
@@ -99,256 +108,182 @@ class Intersections(NamedTuple):
     t_low: NDArray[np.float64]
     t_high: NDArray[np.float64]
     t_slack: NDArray[np.float64]
-    is_sure: NDArray[np.bool_]
     side: NDArray[np.int64]
+    is_sure: NDArray[np.bool_]
     twin_instance: NDArray[np.int64]
     twin_prim: NDArray[np.int64]
 
     @property
     def ray_id(self) -> NDArray[np.int64]:
-        """(m,) int64: the ray of each crossing."""
+        """(m,) int64: the ray of each intersection."""
         return np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
 
     @property
     def sure_counts(self) -> NDArray[np.int64]:
-        """(rays,) int64: the least number of crossings of each ray; the greatest is that of the crossings."""
+        """(rays,) int64: the least number of hits of each ray; the greatest is that of the intersections."""
         return np.bincount(self.ray_id[self.is_sure], minlength=len(self.offsets) - 1)
 
 
-class _Found(NamedTuple):
-    """Intersections of one instance: ray, primitive, side, whether it is sure, and distances along the ray."""
-
-    rays: NDArray[np.int64]
-    prims: NDArray[np.int64]
-    sides: NDArray[np.int64]
-    is_sure: NDArray[np.bool_]
-    distances: NDArray[np.float64]
-
-    @classmethod
-    def make(cls, room: int) -> _Found:
-        """Return arrays that are not yet written."""
-        rays, prims, sides = np.empty((3, room), np.int64)
-        return cls(rays, prims, sides, np.empty(room, np.bool_), np.empty((room, 3)))
-
-
 class _SeenRays(NamedTuple):
-    """Rays as an instance sees them, in its unit around its centre: the points that are nearest to the centre."""
+    """Rays as an instance sees them, in its unit around its centre: from the points that are nearest to the centre."""
 
+    ids: NDArray[np.int64]
     feet: NDArray[np.float64]
     directions: NDArray[np.float64]
     shifts: NDArray[np.float64]
     blurs: NDArray[np.float64]
     local_blurs: NDArray[np.float64]
 
+    @classmethod
+    def make(cls, count: int) -> Self:
+        """Return arrays that are not yet written."""
+        return cls(np.empty(count, np.int64), *np.empty((2, count, 3)), *np.empty((3, count)))
+
 
 def find_intersections(
-    scene: SceneState, rays: Rays, blur: Tolerance | None = None, known_placements: list[Instance] | None = None
+    world: SceneState, rays: Rays, tolerance: Tolerance | None = None, known_instances: list[Instance] | None = None
 ) -> Intersections:
-    """Return every crossing that there can be.
+    """Return every intersection that there can be.
 
     Parameters
     ----------
-    scene : SceneState
+    world : SceneState
     rays : Rays
-    blur : Tolerance, optional
+    tolerance : Tolerance, optional
         How far the device may be off.
-    known_placements : list of Instance, optional
-        What `find_instances` returns for the scene.
+    known_instances : list of Instance, optional
+        What `find_instances` returns for the world.
 
     Notes
     -----
     O(rays x primitives of all instances), less those whose bounding sphere a ray passes by.
     """
-    granted = blur or Tolerance()
-    placements = find_instances(scene) if known_placements is None else known_placements
-    twins = _find_twins(scene)
-    size = world_radius(placements) if placements else 0.0
-    with np.errstate(over="ignore"):
-        slack_of_rays = granted.order * _ADVANCED * granted.near * size / rays.lengths
+    granted = tolerance or Tolerance()
+    instances = find_instances(world) if known_instances is None else known_instances
+    size = world_radius(instances)
     longest = np.abs(rays.directions).max(axis=1, keepdims=True)
     directions = rays.directions / longest
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    near = np.empty(len(directions), np.int64)
-    parts = []
-    for placed in placements:
-        chosen = near[: _find_near(_bound(placed, granted, size), rays.origins, directions, rays.masks, near)]
-        if len(chosen):
-            parts.append(_cross(placed, rays, directions, chosen, granted, size, slack_of_rays, twins))
-    return _sort(parts, len(rays.lengths))
+    seen, parts = _SeenRays.make(len(directions)), [np.empty(0, _FOUND)]
+    for instance in instances:
+        count = _see(instance.numbers, granted, size, rays, directions, seen)
+        if count:
+            parts.append(_find(instance, granted, size, rays, _SeenRays._make(values[:count] for values in seen)))
+    found = np.concatenate(parts)
+    found = found[np.lexsort([found[name] for name in ("prim_id", "instance_id", "t", "ray")])]
+    offsets = np.concatenate(([0], np.cumsum(np.bincount(found["ray"], minlength=len(directions)))))
+    fields = (np.ascontiguousarray(found[name]) for name in Intersections._fields[1:-2])
+    return Intersections._make((offsets, *fields, *_find_twins(world, found)))
 
 
-class _Bound(NamedTuple):
-    """The sphere around an instance, its mask, and what blurs rays of it; lengths as shares of `size`, of the scene.
-
-    `entering` is that of `Tolerance` times the growth, and from farther away than `near` it does not grow.
-    """
-
-    x: float
-    y: float
-    z: float
-    radius: float
-    entering: float
-    near: float
-    pair: float
-    mask: np.uint32
-    size: float
-
-
-def _bound(placed: Instance, blur: Tolerance, size: float) -> _Bound:
-    size = size if size > 0.0 else 1.0
-    x, y, z = placed.centre.tolist()
-    radius = placed.radius * (placed.unit / size)
-    return _Bound(
-        x, y, z, radius, placed.growth * blur.entering, blur.near * radius, blur.pair, np.uint32(placed.mask), size
-    )  # fmt: skip
-
-
-@compiled
-def _find_near(bound, origins, directions, masks, near):
-    """Write the rays that may meet an instance, or pass it by less than the blur; return how many there are."""
+@compiled(error_model="numpy")
+def _see(instance, tolerance, size, rays, directions, seen):
+    """Write the rays that may meet an instance; return how many there are. The directions are 1 long."""
     count = 0
-    for ray in range(len(origins)):
-        if masks[ray] & bound.mask == 0:
+    for ray in range(len(directions)):
+        if rays.masks[ray] & instance.mask == 0:
             continue
-        x, y, z = (
-            (origins[ray, 0] - bound.x) / bound.size, (origins[ray, 1] - bound.y) / bound.size,
-            (origins[ray, 2] - bound.z) / bound.size,
-        )  # fmt: skip
-        dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
-        along = x * dx + y * dy + z * dz
-        side_x, side_y, side_z = x - along * dx, y - along * dy, z - along * dz
-        way = abs(x) + abs(y) + abs(z)
-        reach = bound.radius + min(way, bound.near)
-        most = bound.radius + bound.entering * reach + bound.pair * (way + 1.0)
-        most = most * _PASS_SHARE + _PASS_ROUNDING * way
-        if side_x * side_x + side_y * side_y + side_z * side_z <= most * most or not way <= _FARTHEST:
-            near[count] = ray
-            count += 1
+        direction = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+        x, y, z = subtract(rays.origins[ray], instance.centre)
+        origin = x / instance.unit, y / instance.unit, z / instance.unit
+        shift = -dot(origin, direction)
+        foot = add_scaled(origin, shift, direction)
+        more = -dot(foot, direction)
+        foot = add_scaled(foot, more, direction)
+        blur, local_blur = find_blur(instance, tolerance, np.sqrt(dot(origin, origin)), size)
+        if not np.sqrt(dot(foot, foot)) <= instance.radius + blur:
+            continue
+        for axis in range(3):
+            seen.feet[count, axis], seen.directions[count, axis] = foot[axis], direction[axis]
+        seen.ids[count], seen.shifts[count], seen.blurs[count] = ray, shift + more, blur
+        seen.local_blurs[count] = local_blur
+        count += 1
     return count
 
 
-def _cross(
-    placed: Instance,
-    rays: Rays,
-    directions: NDArray[np.float64],
-    near: NDArray[np.int64],
-    blur: Tolerance,
-    size: float,
-    slack_of_rays: NDArray[np.float64],
-    twins: _Twins,
-) -> tuple[NDArray, ...]:
-    """Return the fields of `Intersections` of one instance and some rays, with the ray in place of the offsets."""
-    seen, indices = _see(placed, rays.origins[near], directions[near], blur, size)
-    indices = near[indices]
-    found = _find(placed.shape, placed, seen)
-    ray = indices[found.rays]
-    with np.errstate(over="ignore", under="ignore"):
-        t, low, high = (found.distances * (placed.unit / rays.lengths[ray])[:, None]).T
-    slack = np.minimum(blur.order * np.abs(t), slack_of_rays[ray])
-    t_min, t_max = rays.t_min[ray], rays.t_max[ray]
-    can_be = (high + slack >= t_min) & (low - slack <= t_max)
-    is_sure = found.is_sure & (low - slack > t_min) & (high + slack < t_max)
-    prims = found.prims
-    ids = [np.full(len(ray), value, np.int64) for value in (placed.instance_id, placed.geometry_id)]
-    twin_instance = np.full(len(ray), twins.instances[placed.instance_id], np.int64)
-    twin_prim = twins.prims[placed.geometry_id][prims]
-    fields = ray, *ids, prims, t, low, high, slack, is_sure, found.sides, twin_instance, twin_prim
-    return tuple(values[can_be] for values in fields)
-
-
-def _see(
-    placed: Instance, origins: NDArray[np.float64], directions: NDArray[np.float64], blur: Tolerance, size: float
-) -> tuple[_SeenRays, NDArray[np.int64]]:
-    """Return the rays that can meet an instance as it sees them, and their indices; the directions are 1 long."""
-    origins = placed.to_unit(origins)
-    shifts = -_dot(origins, directions)
-    feet = origins + shifts[:, None] * directions
-    more = -_dot(feet, directions)
-    feet, shifts = feet + more[:, None] * directions, shifts + more
-
-    blurs, local_blurs = placed.blurs(blur, origins, size)
-    indices = np.flatnonzero(np.linalg.norm(feet, axis=1) <= placed.radius + blurs)
-    return _SeenRays(*(values[indices] for values in (feet, directions, shifts, blurs, local_blurs))), indices
-
-
-def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.einsum("ni,ni->n", one, other)
-
-
-def _find(shape: Shape, placed: Instance, seen: _SeenRays) -> _Found:
-    """Return the crossings of the rays with the primitives of an instance; distances in units."""
-    found = _Found.make(_FIRST_ROOM * len(seen.shifts) + 1)
+def _find(instance: Instance, tolerance: Tolerance, size: float, rays: Rays, seen: _SeenRays) -> NDArray[np.void]:
+    """Return the intersections of rays with the primitives of an instance."""
+    shape, asked = instance.shape, (instance.numbers, tolerance, size, rays)
+    found = np.empty(_FIRST_ROOM * len(seen.ids) + 1, _FOUND)
     while True:
         if isinstance(shape, Mesh):
-            corners = shape.local_vertices.astype(np.float64) @ placed.to_world.T
-            count = _cross_triangles(np.ascontiguousarray(corners), shape.faces, shape.degenerate_faces, seen, found)
+            corners = shape.local_vertices.astype(np.float64) @ instance.to_world.T
+            triangles = np.ascontiguousarray(corners), shape.faces, shape.degenerate_faces
+            count = _meet_triangles(*triangles, *asked, seen, found)
         else:
-            local_directions = seen.directions @ placed.to_local.T
-            stretches = np.linalg.norm(local_directions, axis=1)
-            local = _SeenRays(
-                np.ascontiguousarray(seen.feet @ placed.to_local.T), local_directions / stretches[:, None],
-                seen.shifts, seen.blurs, seen.local_blurs,
-            )  # fmt: skip
-            centres, radii = shape.local_centres.astype(np.float64), shape.local_radii.astype(np.float64)
-            count = _cross_spheres(centres, radii, local, stretches, found)
-        if count <= len(found.rays):
-            return _Found._make(values[:count] for values in found)
-        found = _Found.make(count)
+            directions = seen.directions @ instance.to_local.T
+            stretches = np.linalg.norm(directions, axis=1)
+            local = seen._replace(feet=seen.feet @ instance.to_local.T, directions=directions / stretches[:, None])
+            spheres = shape.local_centres.astype(np.float64), shape.local_radii.astype(np.float64)
+            count = _meet_spheres(*spheres, *asked, local, stretches, found)
+        if count <= len(found):
+            return found[:count]
+        found = np.empty(count, _FOUND)
+
+
+@compiled(error_model="numpy")
+def _add(found, count, instance, tolerance, size, rays, ray, prim, side, is_sure, distances):
+    """Write an intersection that the limits of the ray allow, if there is room; return how many there are with it."""
+    length, t_min, t_max = rays.lengths[ray], rays.t_min[ray], rays.t_max[ray]
+    scale = instance.unit / length
+    t, low, high = distances[0] * scale, distances[1] * scale, distances[2] * scale
+    slack = min(tolerance.order * abs(t), tolerance.order * _ADVANCED * tolerance.near * size / length)
+    if not (high + slack >= t_min and low - slack <= t_max):
+        return count
+    if count < len(found):
+        one = found[count]
+        one.ray, one.instance_id, one.geometry_id, one.prim_id = ray, instance.instance_id, instance.geometry_id, prim
+        one.t, one.t_low, one.t_high, one.t_slack, one.side = t, low, high, slack, side
+        one.is_sure = is_sure and low - slack > t_min and high + slack < t_max
+    return count + 1
 
 
 @compiled
-def _cross_triangles(corners, faces, degenerate, seen, found):
-    """Write the crossings that there is room for; return how many there are."""
+def _meet_triangles(corners, faces, degenerate, instance, tolerance, size, rays, seen, found):
+    """Write the intersections that there is room for; return how many there are."""
     frame = np.empty((3, 3), np.float64)
-    verdict = np.empty(4, np.float64)
     count = 0
-    for ray in range(len(seen.shifts)):
-        make_frame(seen.directions[ray], frame)
-        foot, shift, blur = seen.feet[ray], seen.shifts[ray], seen.blurs[ray]
+    for index in range(len(seen.ids)):
+        make_frame(seen.directions[index], frame)
+        foot, shift, blur = seen.feet[index], seen.shifts[index], seen.blurs[index]
         for prim in range(len(faces)):
             if degenerate[prim]:
                 continue
             a = project(corners, faces[prim, 0], foot, frame)
             b = project(corners, faces[prim, 1], foot, frame)
             c = project(corners, faces[prim, 2], foot, frame)
-            judge_triangle(a, b, c, blur, verdict)
-            if verdict[0] < 0.0:
-                continue
-            if count < len(found.rays):
-                found.rays[count], found.prims[count], found.sides[count] = ray, prim, 0
-                found.is_sure[count] = verdict[0] > 0.0
-                found.distances[count, 0] = shift + verdict[1]
-                found.distances[count, 1] = shift + verdict[2]
-                found.distances[count, 2] = shift + verdict[3]
-            count += 1
+            sureness, height, low, high = meet_triangle(a, b, c, blur)
+            if sureness >= 0:
+                distances = shift + height, shift + low, shift + high
+                count = _add(
+                    found, count, instance, tolerance, size, rays, seen.ids[index], prim, 0, sureness > 0, distances
+                )
     return count
 
 
 @compiled
-def _cross_spheres(centres, radii, seen, stretches, found):
-    """Write the crossings that there is room for; return how many there are. The rays are local."""
+def _meet_spheres(centres, radii, instance, tolerance, size, rays, seen, stretches, found):
+    """Write the intersections that there is room for; return how many there are. The rays are local."""
     count = 0
-    for ray in range(len(stretches)):
-        foot, direction, blur, stretch = seen.feet[ray], seen.directions[ray], seen.local_blurs[ray], stretches[ray]
+    for index in range(len(stretches)):
+        foot, direction, shift = seen.feet[index], seen.directions[index], seen.shifts[index]
+        stretch, blur = stretches[index], seen.local_blurs[index]
         for prim in range(len(radii)):
-            x, y, z = centres[prim, 0] - foot[0], centres[prim, 1] - foot[1], centres[prim, 2] - foot[2]
-            along = x * direction[0] + y * direction[1] + z * direction[2]
-            x, y, z = x - along * direction[0], y - along * direction[1], z - along * direction[2]
-            beside, radius = np.sqrt(x * x + y * y + z * z), radii[prim]
+            way = subtract(centres[prim], foot)
+            along = dot(way, direction)
+            way = add_scaled(way, -along, direction)
+            beside, radius = np.sqrt(dot(way, way)), radii[prim]
             if beside > radius + blur:
                 continue
             # Half the chord, and what the blur can make of it: much, where the ray is almost a tangent.
             half = _half_chord(radius, beside)
             half_low, half_high = _half_chord(radius - blur, beside + blur), _half_chord(radius + blur, beside - blur)
             for side in (-1, 1):
-                if count < len(found.rays):
-                    found.rays[count], found.prims[count], found.sides[count] = ray, prim, side
-                    found.is_sure[count] = beside < radius - blur
-                    one, other = along + side * half_low, along + side * half_high
-                    found.distances[count, 0] = seen.shifts[ray] + (along + side * half) / stretch
-                    found.distances[count, 1] = seen.shifts[ray] + (min(one, other) - blur) / stretch
-                    found.distances[count, 2] = seen.shifts[ray] + (max(one, other) + blur) / stretch
-                count += 1
+                one, other = along + side * half_low, along + side * half_high
+                low, high = min(one, other) - blur, max(one, other) + blur
+                is_sure, ray = beside < radius - blur, seen.ids[index]
+                distances = shift + (along + side * half) / stretch, shift + low / stretch, shift + high / stretch
+                count = _add(found, count, instance, tolerance, size, rays, ray, prim, side, is_sure, distances)
     return count
 
 
@@ -359,23 +294,112 @@ def _half_chord(radius, beside):
     return np.sqrt((radius - beside) * (radius + beside)) if beside < radius else 0.0
 
 
-class _Twins(NamedTuple):
-    """The first instance like each instance, and for each shape the first primitive like each primitive."""
+@compiled
+def make_frame(direction, frame):
+    """Write an orthonormal frame whose last row is the direction, normalised; return the direction's length."""
+    length = np.sqrt((direction**2).sum())
+    along = direction / length
+    # Any axis that is far from parallel to the ray gives a stable first cross product.
+    axis = np.argmin(np.abs(along))
+    helper = np.zeros(3)
+    helper[axis] = 1.0
+    frame[2] = along
+    frame[0] = np.cross(helper, along)
+    frame[0] /= np.sqrt((frame[0] ** 2).sum())
+    frame[1] = np.cross(along, frame[0])
+    return length
 
-    instances: NDArray[np.int64]
-    prims: list[NDArray[np.int64]]
+
+@compiled
+def project(vertices, vertex, origin, frame):
+    """Return a corner's coordinates in the ray's frame: two across the ray, one along it."""
+    x = vertices[vertex, 0] - origin[0]
+    y = vertices[vertex, 1] - origin[1]
+    z = vertices[vertex, 2] - origin[2]
+    return (
+        x * frame[0, 0] + y * frame[0, 1] + z * frame[0, 2],
+        x * frame[1, 0] + y * frame[1, 1] + z * frame[1, 2],
+        x * frame[2, 0] + y * frame[2, 1] + z * frame[2, 2],
+    )
 
 
-def _find_twins(scene: SceneState) -> _Twins:
-    transforms = np.ascontiguousarray(scene.transforms, np.float64).reshape(-1, 16)
-    keys = np.concatenate((np.asarray(scene.geometry_ids, np.float64)[:, None], transforms), axis=1)
-    prims = []
-    for shape in scene.shapes:
+@compiled
+def meet_triangle(a, b, c, blur):
+    """Test one triangle against the ray along the z axis from zero.
+
+    Parameters
+    ----------
+    a, b, c : tuples of 3 float64
+        The corners in the ray's frame, see `project`.
+    blur : float64
+        How far the device may see each corner from where it is, across the ray and along it.
+
+    Returns
+    -------
+    sureness : int
+        1 surely hit, 0 too close to call, -1 surely missed.
+    distance, low, high : float64
+        Along the ray, and the least and the greatest that the device may find; 0 of a triangle that is surely missed.
+
+    Notes
+    -----
+    While the corners move by up to the blur, a ray that is farther than that from all edges stays on its side of them.
+    A point of the moved triangle has moved by no more than the blur either. So a hit is at the height of a point of
+    the exact triangle that is as near to the ray, give or take the blur. Both hold for slivers thinner than the blur.
+    """
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = a, b, c
+    if min(ax, bx, cx) > blur or max(ax, bx, cx) < -blur or min(ay, by, cy) > blur or max(ay, by, cy) < -blur:
+        return -1, 0.0, 0.0, 0.0
+
+    # On which side of the edges does the ray pass, and how far from them?
+    side_a, side_b, side_c = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+    is_beside = (side_a < 0.0 or side_b < 0.0 or side_c < 0.0) and (side_a > 0.0 or side_b > 0.0 or side_c > 0.0)
+    nearest = min(
+        _distance_to_segment(bx, by, cx, cy), _distance_to_segment(cx, cy, ax, ay), _distance_to_segment(ax, ay, bx, by)
+    )
+    if is_beside and nearest > blur:
+        return -1, 0.0, 0.0, 0.0
+    sureness = 1 if nearest > blur else 0
+
+    # Where does it cross the plane? A triangle that is seen edge-on is crossed anywhere between its corners.
+    nx = (by - ay) * (cz - az) - (bz - az) * (cy - ay)
+    ny = (bz - az) * (cx - ax) - (bx - ax) * (cz - az)
+    nz = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    low, high = min(az, bz, cz), max(az, bz, cz)
+    if nz == 0.0:
+        return sureness, (low + high) / 2, low - blur, high + blur
+    # A shift along the ray, and one across it, which a slanted plane turns into one along it.
+    height = (nx * ax + ny * ay + nz * az) / nz
+    slant = np.sqrt(nx * nx + ny * ny + nz * nz) / abs(nz)
+    slack = blur * (1.0 + slant)
+    # Of corners that are nearly in one line, float64 itself rounds the normal off.
+    reach = max(abs(ax), abs(ay), abs(bx), abs(by), abs(cx), abs(cy)) + (high - low)
+    slack += _NORMAL_ROUNDING * reach * reach / abs(nz) * (1.0 + slant) * reach
+    return sureness, min(max(height, low), high), max(height - slack, low - blur), min(height + slack, high + blur)
+
+
+@compiled
+def _distance_to_segment(ax, ay, bx, by):
+    """Return the distance of zero from the segment between two points."""
+    dx, dy = bx - ax, by - ay
+    square = dx * dx + dy * dy
+    share = min(max(-(ax * dx + ay * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    return np.hypot(ax + share * dx, ay + share * dy)
+
+
+def _find_twins(world: SceneState, found: NDArray[np.void]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first instance like that of each intersection, and the first primitive like its primitive."""
+    transforms = np.ascontiguousarray(world.transforms, np.float64).reshape(-1, 16)
+    instances = _first_equal(np.column_stack((np.asarray(world.geometry_ids, np.float64), transforms)))
+    prims = np.empty(len(found), np.int64)
+    for geometry_id, shape in enumerate(world.shapes):
         if isinstance(shape, Mesh):
-            prims.append(_first_equal(shape.local_vertices[shape.faces].reshape(-1, 9)))
+            rows = shape.local_vertices[shape.faces].reshape(-1, 9)
         else:
-            prims.append(_first_equal(np.column_stack((shape.local_centres, shape.local_radii))))
-    return _Twins(_first_equal(keys), prims)
+            rows = np.column_stack((shape.local_centres, shape.local_radii))
+        mine = found["geometry_id"] == geometry_id
+        prims[mine] = _first_equal(rows)[found["prim_id"][mine]]
+    return instances[found["instance_id"]], prims
 
 
 def _first_equal(rows: NDArray[np.floating]) -> NDArray[np.int64]:
@@ -384,14 +408,3 @@ def _first_equal(rows: NDArray[np.floating]) -> NDArray[np.int64]:
         return np.empty(0, np.int64)
     _, first, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     return first[inverse.reshape(-1)]
-
-
-def _sort(parts: list[tuple[NDArray, ...]], ray_count: int) -> Intersections:
-    if not parts:
-        ids, numbers = np.empty(0, np.int64), np.empty(0)
-        nothing = ids, ids, ids, numbers, numbers, numbers, numbers, np.empty(0, np.bool_), ids, ids, ids
-        return Intersections(np.zeros(ray_count + 1, np.int64), *nothing)
-    ray, *fields = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = np.lexsort((fields[2], fields[0], fields[3], ray))
-    offsets = np.concatenate(([0], np.cumsum(np.bincount(ray, minlength=ray_count))))
-    return Intersections(offsets, *(values[order] for values in fields))

@@ -1,4 +1,4 @@
-"""The oracle for scenes: every primitive of every visible instance against every ray, in float64, on the host.
+"""The oracle: every primitive of every visible instance against every ray, in float64, on the host.
 
 It shares no code with the device. Slow on purpose; `--validate` and the tests compare with it. It says whether an
 answer is right, because a ray that passes an edge closer than float32 resolves has no single right answer; and where
@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry.mesh import Mesh
+from ...scene.state import SceneState
 from ...structs import NO_PRIM
 from ...support.compiled import compiled
-from .instances import Instance, SceneState, Tolerance, find_instances, world_radius
+from .instances import Instance, Tolerance, find_blur, find_instances, world_radius
 from .intersections import Intersections, Rays, find_intersections
 
 # Of u + v, in float64 and in float32.
@@ -28,7 +29,7 @@ _FLOAT64_SLACK = 2.0**-44
 
 
 class ReferenceHits(NamedTuple):
-    """The nearest crossing of each ray.
+    """The nearest intersection of each ray.
 
     Attributes
     ----------
@@ -56,7 +57,7 @@ class Difference:
     ray : int
     reason : str
     obtained, expected : tuple of float, int, int
-        t, instance and primitive of the traversal, and of the nearest crossing that is sure; infinite, -1 and -1 if
+        t, instance and primitive of the traversal, and of the nearest intersection that is sure; infinite, -1 and -1 if
         there is none.
     """
 
@@ -66,14 +67,14 @@ class Difference:
     expected: tuple[float, int, int]
 
     def __str__(self) -> str:
-        return f"ray {self.ray}: obtained {_say(*self.obtained)}, expected {_say(*self.expected)}: {self.reason}"
+        obtained, expected = (
+            f"t = {t:.9g} on primitive {prim_id} of instance {instance_id}"
+            for t, instance_id, prim_id in (self.obtained, self.expected)
+        )
+        return f"ray {self.ray}: obtained {obtained}, expected {expected}: {self.reason}"
 
 
-def _say(t: float, instance_id: int, prim_id: int) -> str:
-    return f"t = {t:.9g} on primitive {prim_id} of instance {instance_id}"
-
-
-# Why an answer is wrong, by the numbers that `_judge` returns.
+# Why an answer is wrong, by the numbers that `_check` writes.
 _RIGHT, _MISSED, _NOT_THERE, _BEHIND, _TWIN, _MISS_WITH_T, _BESIDE, _GEOMETRY = range(8)
 _REASONS = {
     _MISSED: "a primitive is surely hit",
@@ -87,27 +88,26 @@ _REASONS = {
 
 
 class Reference:
-    """Answers about one scene, by every primitive.
+    """Answers about one world, by every primitive.
 
     Parameters
     ----------
-    scene : SceneState
-        Or anything with its fields `shapes`, `geometry_ids`, `transforms` and `masks`.
-    blur : Tolerance, optional
+    world : SceneState
+    tolerance : Tolerance, optional
         How far the device may be off.
     """
 
-    def __init__(self, scene: SceneState, blur: Tolerance | None = None) -> None:
-        self._scene = scene
-        self._blur = blur or Tolerance()
-        self._placements = find_instances(scene)
+    def __init__(self, world: SceneState, tolerance: Tolerance | None = None) -> None:
+        self._world = world
+        self._tolerance = tolerance or Tolerance()
+        self._instances = find_instances(world)
 
     def intersections(self, rays: Rays) -> Intersections:
-        """Return every crossing that there can be."""
-        return find_intersections(self._scene, rays, self._blur, self._placements)
+        """Return every intersection that there can be."""
+        return find_intersections(self._world, rays, self._tolerance, self._instances)
 
     def closest_hit(self, rays: Rays, intersections: Intersections | None = None) -> ReferenceHits:
-        """Return the nearest crossing of each ray that is sure; at equal t that of the smaller (instance, primitive).
+        """Return the nearest sure intersection of each ray; at equal t that of the smaller (instance, primitive).
 
         Parameters
         ----------
@@ -118,13 +118,14 @@ class Reference:
         known = self.intersections(rays) if intersections is None else intersections
         first, is_decided = np.empty(len(rays.t_min), np.int64), np.empty(len(rays.t_min), np.bool_)
         _find_closest(known, first, is_decided)
-        return ReferenceHits(
-            _take(known.t, first, np.inf), _take(known.instance_id, first, NO_PRIM),
-            _take(known.geometry_id, first, NO_PRIM), _take(known.prim_id, first, NO_PRIM), is_decided,
-        )  # fmt: skip
+        ids = np.full((3, len(first)), NO_PRIM, np.int64)
+        hits = ReferenceHits._make((np.full(len(first), np.inf), *ids, is_decided))
+        for name in hits._fields[:-1]:
+            getattr(hits, name)[first >= 0] = getattr(known, name)[first[first >= 0]]
+        return hits
 
     def count_range(self, rays: Rays) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the least and the greatest number of crossings that each ray can have, (n,) int64 each.
+        """Return the least and the greatest number of hits that each ray can have, (n,) int64 each.
 
         A query for any hit is right if it is true where the least is above 0, and false where the greatest is 0.
         """
@@ -145,16 +146,16 @@ class Reference:
         Returns
         -------
         list of Difference
-            A hit is right when its primitive is crossed, or too close to call, at that t; u and v name a point of it on
-            the ray; and no primitive is surely crossed before it, nor a twin of it has smaller ids. A miss is right
-            when no primitive is surely crossed.
+            A hit is right when its primitive is hit, or too close to call, at that t; u and v name a point of it on the
+            ray; and no primitive is surely hit before it, nor a twin of it has smaller ids. A miss is right when no
+            primitive is surely hit.
         """
         known = self.intersections(rays) if intersections is None else intersections
-        t, instance, prim = _ids(hits)
+        t, instance, prim = read_ids(hits)
         reasons, meant = np.empty(len(t), np.int64), np.full(len(t), -1, np.int64)
-        _judge(known, rays.t_min, rays.t_max, t, instance, prim, reasons, meant)
+        _check(known, rays.t_min, rays.t_max, t, instance, prim, reasons, meant)
         is_hit = np.flatnonzero((reasons == _RIGHT) & (prim != NO_PRIM))
-        reasons[is_hit] = self._judge_points(rays, hits, known, is_hit, is_hit, meant[is_hit])
+        reasons[is_hit] = self.check_points(rays, hits, known, is_hit, meant[is_hit])
         miss_ids = np.stack([np.asarray(ids).reshape(-1) for ids in (hits.instance_id, hits.geometry_id)])
         reasons[(prim == NO_PRIM) & (miss_ids != NO_PRIM).any(axis=0)] = _MISS_WITH_T
         expected = self.closest_hit(rays, known)
@@ -166,110 +167,85 @@ class Reference:
             for ray in np.flatnonzero(reasons != _RIGHT)
         ]  # fmt: skip
 
-    def _judge_points(
-        self,
-        rays: Rays,
-        hits: Any,
-        known: Intersections,
-        indices: NDArray[np.int64],
-        ray_ids: NDArray[np.int64],
-        meant: NDArray[np.int64],
+    def check_points(
+        self, rays: Rays, hits: Any, known: Intersections, indices: NDArray[np.int64], meant: NDArray[np.int64]
     ) -> NDArray[np.int64]:
-        """Say of hits by their indices, whose ids and t are right, whether u and v are.
+        """Return what is wrong with u and v of hits by their indices, whose ids and t are right; 0 is nothing.
 
-        They must name the point of the primitive that is nearest to the ray, about where the crossing is that is meant.
+        They must name the point of the primitive that is nearest to the ray, about where the intersection is that is
+        meant.
         """
-        verdicts = np.full(len(indices), _RIGHT, np.int64)
-        _, instance, prim = _ids(hits)
-        geometry = np.asarray(hits.geometry_id, np.int64).reshape(-1)
-        u, v = (np.asarray(values, np.float64).reshape(-1) for values in (hits.u, hits.v))
-        is_refined = np.asarray(hits.t).dtype == np.float64
-        size = world_radius(self._placements) if self._placements else 0.0
-        named = instance[indices]
-        for instance_id in np.unique(named).tolist():
-            placed, mine = self._placements[instance_id], np.flatnonzero(named == instance_id)
-            chosen, of_rays = indices[mine], ray_ids[mine]
-            seen = _see(placed, self._blur, size, rays, of_rays)
-            points, is_inside = _place_points(placed, prim[chosen], u[chosen], v[chosen])
-            slack = 2.0 * seen.blurs
-            if isinstance(placed.shape, Mesh):
-                growth, angle = _see_triangles(placed, prim[chosen], seen)
-                slack = slack + _FLOAT64_SLACK * np.linalg.norm(seen.origins, axis=1) / angle
-                if not is_refined:
-                    slack = slack * growth
+        reasons = np.full(len(indices), _RIGHT, np.int64)
+        geometry_ids, u, v = (np.asarray(values).reshape(-1)[indices] for values in (hits.geometry_id, hits.u, hits.v))
+        is_refined, size = np.asarray(hits.t).dtype == np.float64, world_radius(self._instances)
+        for instance_id in np.unique(known.instance_id[meant]).tolist():
+            instance, mine = self._instances[instance_id], np.flatnonzero(known.instance_id[meant] == instance_id)
+            chosen = meant[mine]
+            ray_ids, prims = known.ray_id[chosen], known.prim_id[chosen]
+            origins = instance.to_unit(rays.origins[ray_ids])
+            directions = rays.directions[ray_ids] / rays.lengths[ray_ids, None]
+            distances = np.linalg.norm(origins, axis=1)
+            blurs, _ = find_blur(instance.numbers, self._tolerance, distances, size)
+            points, is_inside = _find_points(instance, prims, u[mine].astype(np.float64), v[mine].astype(np.float64))
+            slack = 2.0 * blurs
+            if isinstance(instance.shape, Mesh):
+                growth, angle = _see_triangles(instance, prims, origins, directions)
+                slack = (slack + _FLOAT64_SLACK * distances / angle) * (1.0 if is_refined else growth)
             else:
-                slack = slack * np.linalg.norm(placed.to_world, 2) * placed.local_growth
-            ways = points - seen.origins
-            along = _dot(ways, seen.directions)
-            beside = np.linalg.norm(ways - along[:, None] * seen.directions, axis=1)
-            low, high = (
-                values[meant[mine]] * (rays.lengths[of_rays] / placed.unit) for values in (known.t_low, known.t_high)
-            )
+                slack = slack * np.linalg.norm(instance.to_world, 2) * instance.local_growth
+            ways = points - origins
+            along = _dot(ways, directions)
+            beside = np.linalg.norm(ways - along[:, None] * directions, axis=1)
+            low, high = (t[chosen] * (rays.lengths[ray_ids] / instance.unit) for t in (known.t_low, known.t_high))
             is_right = is_inside & (beside <= slack) & (along >= low - slack) & (along <= high + slack)
-            verdicts[mine[~is_right]] = _BESIDE
-            verdicts[mine[geometry[chosen] != placed.geometry_id]] = _GEOMETRY
-        return verdicts
+            reasons[mine[~is_right]] = _BESIDE
+            reasons[mine[geometry_ids[mine] != instance.geometry_id]] = _GEOMETRY
+        return reasons
 
 
-def _ids(hits: Any) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+def read_ids(hits: Any) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return t, the instances and the primitives of hits, (n,) each."""
     return (
-        np.asarray(hits.t, np.float64).reshape(-1),
-        np.asarray(hits.instance_id, np.int64).reshape(-1),
+        np.asarray(hits.t, np.float64).reshape(-1), np.asarray(hits.instance_id, np.int64).reshape(-1),
         np.asarray(hits.prim_id, np.int64).reshape(-1),
-    )
+    )  # fmt: skip
 
 
-def _take(values: NDArray, indices: NDArray[np.int64], missing: float) -> NDArray:
-    """Return the values at the indices; `missing` where an index is -1."""
-    taken = np.full(len(indices), missing, values.dtype)
-    taken[indices >= 0] = values[indices[indices >= 0]]
-    return taken
+def _find_corners(instance: Instance, prims: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return (n, 3, 3) float64: the corners of triangles, in the instance's unit."""
+    assert isinstance(instance.shape, Mesh)
+    return (instance.shape.local_vertices.astype(np.float64) @ instance.to_world.T)[instance.shape.faces[prims]]
 
 
-class _Seen(NamedTuple):
-    """Rays as an instance sees them, in its unit around its centre, and their blurs."""
-
-    origins: NDArray[np.float64]
-    directions: NDArray[np.float64]
-    blurs: NDArray[np.float64]
-
-
-def _see(placed: Instance, blur: Tolerance, size: float, rays: Rays, of_rays: NDArray[np.int64]) -> _Seen:
-    origins = placed.to_unit(rays.origins[of_rays])
-    directions = rays.directions[of_rays] / rays.lengths[of_rays, None]
-    return _Seen(origins, directions, placed.blurs(blur, origins, size)[0])
-
-
-def _place_points(
-    placed: Instance, prims: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]
+def _find_points(
+    instance: Instance, prims: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the points (u, v) of primitives in the instance's unit, and whether they are in the primitives."""
-    shape = placed.shape
+    shape = instance.shape
     if isinstance(shape, Mesh):
-        corners = (shape.local_vertices.astype(np.float64) @ placed.to_world.T)[shape.faces[prims]]
         weights = np.stack((1.0 - u - v, u, v), axis=1)
-        return np.einsum("ni,nij->nj", weights, corners), (u >= 0.0) & (v >= 0.0) & (u + v <= _MOST_UV)
+        points = np.einsum("ni,nij->nj", weights, _find_corners(instance, prims))
+        return points, (u >= 0.0) & (v >= 0.0) & (u + v <= _MOST_UV)
     # u is the azimuth in turns, v the angle from the z axis in half turns.
     azimuth, polar = 2.0 * np.pi * u, np.pi * v
     normals = np.stack((np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)), axis=1)
     radii = shape.local_radii.astype(np.float64)[prims, None]
-    points = (shape.local_centres.astype(np.float64)[prims] + radii * normals) @ placed.to_world.T
+    points = (shape.local_centres.astype(np.float64)[prims] + radii * normals) @ instance.to_world.T
     return points, (u >= 0.0) & (u < 1.0) & (v >= 0.0) & (v <= 1.0)
 
 
 def _see_triangles(
-    placed: Instance, prims: NDArray[np.int64], seen: _Seen
+    instance: Instance, prims: NDArray[np.int64], origins: NDArray[np.float64], directions: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return how the device's own u and v magnify the blur, and the sine of the angle between ray and triangle.
 
     A blurred corner changes the area opposite it by the blur times an edge, and so the weight of another corner.
     """
-    assert isinstance(placed.shape, Mesh)
-    corners = (placed.shape.local_vertices.astype(np.float64) @ placed.to_world.T)[placed.shape.faces[prims]]
+    corners = _find_corners(instance, prims)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.maximum(np.abs(_dot(normals, seen.directions)), np.finfo(np.float64).tiny)
-    ways = corners - seen.origins[:, None]
-    across = ways - np.einsum("nij,nj->ni", ways, seen.directions)[..., None] * seen.directions[:, None]
+    areas = np.maximum(np.abs(_dot(normals, directions)), np.finfo(np.float64).tiny)
+    ways = corners - origins[:, None]
+    across = ways - np.einsum("nij,nj->ni", ways, directions)[..., None] * directions[:, None]
     reaches = np.linalg.norm(across, axis=2).sum(axis=1)
     longest = np.linalg.norm(across - np.roll(across, 1, axis=1), axis=2).max(axis=1)
     return 1.0 + longest * reaches / areas, areas / np.linalg.norm(normals, axis=1)
@@ -281,7 +257,7 @@ def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.flo
 
 @compiled
 def _find_closest(known, first, is_decided):
-    """Write the index of each ray's nearest sure crossing, or -1, and whether no other answer can be right."""
+    """Write the index of each ray's nearest sure intersection, or -1, and whether no other answer can be right."""
     for ray in range(len(first)):
         begin, end = known.offsets[ray], known.offsets[ray + 1]
         first[ray], is_decided[ray] = -1, begin == end
@@ -294,14 +270,13 @@ def _find_closest(known, first, is_decided):
             continue
         is_decided[ray] = True
         for other in range(begin, end):
-            if other != nearest and not _is_twin(known, other, nearest):
-                is_behind = known.t_low[other] - _slack(known, other, nearest) > known.t_high[nearest]
-                is_decided[ray] &= is_behind
+            if other != nearest and not are_twins(known, other, nearest):
+                is_decided[ray] &= known.t_low[other] - slack_of(known, other, nearest) > known.t_high[nearest]
 
 
 @compiled
-def _is_twin(known, one, other):
-    """Return whether two crossings are those of equal primitives in the same place, at the same t."""
+def are_twins(known, one, other):
+    """Return whether two intersections are those of equal primitives in the same place, at the same t."""
     return (
         known.twin_instance[one] == known.twin_instance[other]
         and known.twin_prim[one] == known.twin_prim[other]
@@ -310,16 +285,16 @@ def _is_twin(known, one, other):
 
 
 @compiled
-def _slack(known, one, other):
-    """Return by how much the t of two crossings may be off besides, where they are compared."""
+def slack_of(known, one, other):
+    """Return by how much the t of two intersections may be off besides, where they are compared."""
     if known.instance_id[one] == known.instance_id[other]:
         return 0.0
     return known.t_slack[one] + known.t_slack[other]
 
 
 @compiled
-def _judge(known, t_mins, t_maxs, ts, instances, prims, reasons, meant_of):
-    """Write why each hit is wrong, and which crossing is meant; see `find_differences`. NaN is wrong."""
+def _check(known, t_mins, t_maxs, ts, instances, prims, reasons, meant_of):
+    """Write why each hit is wrong, and which intersection is meant; see `find_differences`. NaN is wrong."""
     for ray in range(len(reasons)):
         begin, end = known.offsets[ray], known.offsets[ray + 1]
         if prims[ray] == NO_PRIM:
@@ -328,22 +303,22 @@ def _judge(known, t_mins, t_maxs, ts, instances, prims, reasons, meant_of):
                 if known.is_sure[index]:
                     reasons[ray] = _MISSED
             continue
-        # The crossing that is meant. Of a sphere there are two, so any of them will do.
+        # The intersection that is meant. Of a sphere there are two, so any of them will do.
         reasons[ray] = _NOT_THERE
         for meant in range(begin, end):
             if known.instance_id[meant] != instances[ray] or known.prim_id[meant] != prims[ray]:
                 continue
-            low, high = _limited(known, meant, t_mins[ray], t_maxs[ray])
+            low, high = limit_t(known, meant, t_mins[ray], t_maxs[ray])
             if not low <= ts[ray] <= high:
                 continue
             reason = _RIGHT
             for other in range(begin, end):
-                if known.is_sure[other] and known.t_high[other] + _slack(known, other, meant) < known.t_low[meant]:
+                if known.is_sure[other] and known.t_high[other] + slack_of(known, other, meant) < known.t_low[meant]:
                     reason = _BEHIND
-                if _is_twin(known, other, meant) and (
-                    known.instance_id[other] < instances[ray]
-                    or (known.instance_id[other] == instances[ray] and known.prim_id[other] < prims[ray])
-                ):
+                has_smaller_ids = known.instance_id[other] < instances[ray] or (
+                    known.instance_id[other] == instances[ray] and known.prim_id[other] < prims[ray]
+                )
+                if are_twins(known, other, meant) and has_smaller_ids:
                     reason = _TWIN
             reasons[ray], meant_of[ray] = reason, meant
             if reason == _RIGHT:
@@ -351,6 +326,6 @@ def _judge(known, t_mins, t_maxs, ts, instances, prims, reasons, meant_of):
 
 
 @compiled
-def _limited(known, crossing, t_min, t_max):
-    """Return the interval in which the t of a crossing may be reported."""
-    return min(max(known.t_low[crossing], t_min), t_max), min(max(known.t_high[crossing], t_min), t_max)
+def limit_t(known, index, t_min, t_max):
+    """Return the interval in which the t of an intersection may be reported."""
+    return min(max(known.t_low[index], t_min), t_max), min(max(known.t_high[index], t_min), t_max)

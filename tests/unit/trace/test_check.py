@@ -1,6 +1,5 @@
 """The oracle for scenes: right answers by formula pass, each kind of wrong answer is found, and doubt is admitted."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -280,7 +279,7 @@ class TestTheBlur:
         state = make_state([SQUARE], (0, affine()))
         rays = Rays.make([[1 - 1e-3, 0.25, 2]], [[0, 0, -1]])
         assert Reference(state).closest_hit(rays).is_decided
-        assert not Reference(state, replace(Tolerance(), entering=2.0**-8)).closest_hit(rays).is_decided
+        assert not Reference(state, Tolerance(entering=2.0**-8)).closest_hit(rays).is_decided
 
     def test_far_away_instances_are_compared_in_float32(self):
         far = (0, 0, -1e7)
