@@ -215,7 +215,7 @@ def make_spheres(name: str, *, count: int, seed: int = 0, **options: float) -> S
     --------
     >>> from clbvh.geometry.shapes.make_spheres import make_spheres
     >>> make_spheres("galaxy", count=1000, seed=4)
-    Spheres('galaxy', count=1000)
+    Spheres('galaxy', count=1,000)
     """
     check_options(f"set of spheres '{name}'", list_options("are no spheres", SPHERE_SETS, name), options)
     check_whole(count=(count, 1), seed=(seed, 0))
