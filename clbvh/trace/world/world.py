@@ -159,7 +159,7 @@ def make_defines(layout: str, stack_size: int, *, is_lone: bool, has_spheres: bo
 
 def is_lone(state: SceneState) -> bool:
     """Return whether a scene is one shape in its own place; others that nothing places may come behind it."""
-    return isinstance(state.lone_shape, Mesh) and int(state.geometry_ids[0]) == 0
+    return state.lone_shape is not None and int(state.geometry_ids[0]) == 0
 
 
 def open_world(session: DeviceSession, state: SceneState, bvhs: Sequence[Bvh] | None, layout: str = "auto") -> World:
