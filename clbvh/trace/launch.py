@@ -59,6 +59,9 @@ _MS_PER_S = 1e3
 # Up to this many rays are cast by the calling thread, where it sees the device's tree.
 MOST_HOST_RAYS = 1024
 
+# Least items of a thread's range in a buffer. Packing a ray takes 9 ns, and waking a thread as long as 6,000 of them.
+_LEAST_FILLED = 1 << 13
+
 _device_casts_all: ContextVar[bool] = ContextVar("device_casts_all", default=False)
 
 
@@ -209,7 +212,7 @@ class Call(MemoryLoan):
             def fill_part(begin: int, end: int) -> None:
                 fill(begin, end, items[begin:end])
 
-            self.threads.for_ranges(count, fill_part)
+            self.threads.for_ranges(count, fill_part, least_items=_LEAST_FILLED)
         return buffer
 
     @contextmanager

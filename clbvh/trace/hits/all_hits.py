@@ -23,7 +23,7 @@ from ..rays.batch import RayBatch, check_room
 from ..rays.pieces import Progress, RayPiece
 from ..world.surface_arrays import SurfaceArrays
 from .hits import AllHits
-from .refine import BLOCK_HITS, PREFETCH_HITS, RefineBlock, RefinedHits, locate, refine_block
+from .refine import BLOCK_HITS, LEAST_HITS, PREFETCH_HITS, RefineBlock, RefinedHits, locate, refine_block
 from .surface import Surface
 
 FIRST_HITS = Query("first_hits", "hits")
@@ -152,7 +152,7 @@ def _compact_piece(
         hits.resize((hit_count, words), refcheck=False)
         return hits, crowded[:crowded_count].copy()
 
-    ranges = threads.ranges(len(kept))
+    ranges = threads.ranges(len(kept), LEAST_HITS)
     parts = threads.run(compact, [(len(search.segments) + part, *bounds) for part, bounds in enumerate(ranges)])
     search.segments += [hits for hits, _ in parts]
     return [crowded for _, crowded in parts]
@@ -231,7 +231,7 @@ def find_all_hits(
         _refine_rays(batch, world.arrays, crossings, begin, end, int(offsets[begin]), refined, locations)
 
     # Ranges of rays with about equally many crossings.
-    begins = np.searchsorted(offsets, [begin for begin, _ in caster.threads.ranges(total)]).tolist()
+    begins = np.searchsorted(offsets, [begin for begin, _ in caster.threads.ranges(total, LEAST_HITS)]).tolist()
     caster.threads.run(refine, list(itertools.pairwise([0, *begins[1:], batch.ray_count])))
     hits = refined.as_hits((total,), Surface.of_world(world))
     return AllHits(**vars(hits), offsets=offsets, known_locations=locations)

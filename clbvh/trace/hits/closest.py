@@ -20,7 +20,7 @@ from ..world.surface_arrays import SurfaceArrays
 from ..world.tree_box import TreeBox
 from ..world.trees import WideArrays
 from .hits import Hits
-from .refine import RefineBlock, RefinedHits, refine_closest, refine_found
+from .refine import LEAST_HITS, RefineBlock, RefinedHits, refine_closest, refine_found
 from .surface import Surface
 
 Shape = tuple[int, ...]
@@ -52,7 +52,7 @@ def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: P
             for piece in cut_batch(call, batch, shape, progress=progress):
                 with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
                     refine = partial(_refine_range, batch, piece.begin, world.arrays, found, refined)
-                    call.threads.for_ranges(len(found), refine)
+                    call.threads.for_ranges(len(found), refine, least_items=LEAST_HITS)
     return refined.as_hits(shape, Surface.of_world(world))
 
 

@@ -11,7 +11,6 @@ import weakref
 import numpy as np
 import pytest
 
-from clbvh.support import host_threads
 from clbvh.support.host_threads import HostThreads, side_by_side
 
 
@@ -61,14 +60,13 @@ def test_an_error_arrives_after_all_have_ended(threads, bad):
 
 
 @pytest.mark.parametrize("row_count", [0, 1, 99, 100, 1001])
-def test_ranges_cover_all_rows_once(threads, monkeypatch, row_count):
-    monkeypatch.setattr(host_threads, "_LEAST_ITEMS", 10)
+def test_ranges_cover_all_rows_once(threads, row_count):
     seen = np.zeros(row_count, int)
 
     def count(begin, end):
         seen[begin:end] += 1
 
-    threads.for_ranges(row_count, count)
+    threads.for_ranges(row_count, count, least_items=10)
     assert (seen == 1).all()
 
 

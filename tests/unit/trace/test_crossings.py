@@ -5,7 +5,6 @@ import pytest
 
 from clbvh import AllHits, Mesh, Scene, Tracer, Transform, build, make_shape
 from clbvh.integrations.trimesh.ray import order_by_depth
-from clbvh.support import host_threads
 from clbvh.trace.hits import all_hits as crossings_module
 from clbvh.trace.rays import pieces
 
@@ -108,7 +107,7 @@ def test_threads_share_the_crossings(tracer, mesh, monkeypatch):
     origins, directions = hard_rays(mesh, 60000, np.random.default_rng(12))
     expected = tracer.all_hits(origins, directions, with_locations=True)
     assert len(expected) > 40000
-    monkeypatch.setattr(host_threads, "_LEAST_ITEMS", 1000)
+    monkeypatch.setattr(crossings_module, "LEAST_HITS", 1000)
     monkeypatch.setattr(tracer._caster.threads, "count", 5)
     monkeypatch.setattr(crossings_module, "_MOST_RAYS", 777)
     turned = np.asfortranarray(origins), np.asfortranarray(directions)
