@@ -16,7 +16,9 @@ import clbvh.errors
 _OTHERS = {"None", "Any", "Self", "Callable", "Mapping", "Sequence", "Iterable", "ArrayLike", "NDArray", "PathLike"}
 _OTHERS |= {"BaseException", "TracebackType", "Literal", "ClassVar", "Path"}
 # Anything with a graph as a `trimesh.Scene` has one, and what hits and a picture show, for the package itself.
-_OTHERS |= {"HasGraph", "Surface", "World"}
+_OTHERS |= {"HasGraph", "Surface", "BuiltScene"}
+# A mesh, spheres or boxes: what a tree is over.
+_OTHERS |= {"Bounded"}
 # Parts of a build, public among the modules of clbvh only.
 _PARTS = {"SubtreePool.attach", "SubtreePool.hold"}
 
