@@ -21,7 +21,7 @@ class StateTracer(RayQueries, PointQueries):
 
 
 def open_tracer(scene, device, layout):
-    """A tracer of a random scene, in a layout, or in ``"brute"``; one mesh in its place has a tree anyway."""
-    if layout == BRUTE and not scene.state.is_one_mesh:
-        return StateTracer(scene.state, device)
-    return Tracer(scene.contents(), device=device, layout="auto" if layout == BRUTE else layout)
+    """A tracer of a random scene, in a layout, or in ``"brute"``."""
+    return (
+        StateTracer(scene.state, device) if layout == BRUTE else Tracer(scene.contents(), device=device, layout=layout)
+    )

@@ -174,6 +174,26 @@ def make_scene(seed: int, kinds: tuple[str, ...], linear: tuple[str, ...], *, is
     return RandomScene(call, state, *make_rays(state, generator), generator)
 
 
+def make_world(seed: int, ray_count: int) -> RandomScene:
+    """Any of these scenes, or one of its shapes alone in its own place; with a few of the rays."""
+    generator = np.random.default_rng([41, seed])
+    kinds, linear = (
+        tuple(map(str, generator.choice(list(names), generator.integers(1, most, endpoint=True))))
+        for names, most in ((KINDS, 3), (LINEAR, 6))
+    )
+    scene = make_scene(seed, kinds, linear, is_far=bool(generator.random() < 0.3))
+    if generator.random() < 0.3:
+        state = make_state(scene.state.shapes[:1], (0, affine()))
+        origins, directions = make_rays(state, generator)
+        scene = replace(scene, state=state, origins=origins, directions=directions)
+    else:
+        scene = scale_scene(scene, float(generator.choice(SCALES)))
+    few = slice(0, ray_count)
+    return replace(
+        scene, call=f"make_world({seed}, {ray_count})", origins=scene.origins[few], directions=scene.directions[few]
+    )
+
+
 SCALES = (1.0, 1.0, 2.0**-99, 2.0**99, 1e-30, 1e30)
 
 

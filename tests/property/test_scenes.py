@@ -16,7 +16,20 @@ from ..all_hits_reference import find_wrong_crossings
 from ..profiles import examples, seeds
 from ..state_tracer import StateTracer, open_tracer
 from ..unit.trace.scene_states import affine, flatten, make_state
-from .random_scenes import KINDS, LINEAR, MESH_KINDS, RAY_MASKS, RAYS, make_scene, random_scenes, scale_scene
+from .random_scenes import (
+    KINDS,
+    LINEAR,
+    MESH_KINDS,
+    RAY_MASKS,
+    RAYS,
+    make_scene,
+    make_world,
+    random_scenes,
+    scale_scene,
+)
+
+LAYOUTS = (*LAYOUT_WIDTHS, BRUTE)
+FEW_RAYS = 16
 
 FIELDS = ("t", "u", "v", "prim_id", "instance_id", "geometry_id", "is_front", "locations")
 
@@ -47,7 +60,7 @@ def ask(scene, opened, layout, limits):
         }
 
 
-def compare_layouts(scene, opened, limits, layouts=(*LAYOUT_WIDTHS, BRUTE)):
+def compare_layouts(scene, opened, limits, layouts=LAYOUTS):
     """Ask every layout; return the answers, which are the same."""
     answers = {layout: ask(scene, opened, layout, limits) for layout in layouts}
     first, *others = answers
@@ -112,11 +125,11 @@ def check_against_the_oracle(scene, answers, limits):
     return decided
 
 
-def check(scene, opened):
+def check(scene, opened, layouts=LAYOUTS):
     with Tracer(scene.contents(), device=opened.info) as tracer:
         first = tracer.closest_hit(scene.origins, scene.directions)
     limits = make_limits(scene, first)
-    answers = compare_layouts(scene, opened, limits)
+    answers = compare_layouts(scene, opened, limits, layouts)
     return check_against_the_oracle(scene, answers, limits), answers
 
 
@@ -124,6 +137,11 @@ def check(scene, opened):
 @given(scene=random_scenes())
 def test_layouts_and_the_oracle_agree(opened, scene):
     check(scene, opened)
+
+
+@pytest.mark.parametrize("seed", seeds(40))
+def test_many_worlds_in_one_layout_after_the_other(opened, seed):
+    check(make_world(seed, FEW_RAYS), opened, LAYOUTS[seed % len(LAYOUTS) :][:1])
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-30, 1e30])
