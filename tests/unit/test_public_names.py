@@ -19,6 +19,7 @@ _OTHERS |= {"BaseException", "TracebackType", "Literal", "ClassVar", "Path"}
 _OTHERS |= {"HasGraph", "Surface", "BuiltScene"}
 # A mesh, spheres or boxes: what a tree is over.
 _OTHERS |= {"Bounded"}
+_OTHERS |= {"Bounded"}  # what a tree is over: spheres and boxes within the package, a mesh for its users
 # Parts of a build, public among the modules of clbvh only.
 _PARTS = {"SubtreePool.attach", "SubtreePool.hold"}
 
