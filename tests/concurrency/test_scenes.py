@@ -261,6 +261,6 @@ def test_interrupted_changes_leave_the_state_before_or_after_them(seed):
     assert ran.returncode == 0, ran.stderr
     found = json.loads(ran.stdout)
     assert found.pop("interrupted") > count // 10
-    # Those of one scene, and nodes and blocks for its next shape: what an interrupted change has allocated goes with it.
+    # Those of one scene, and nodes and blocks for its next shape: what an interrupted change has taken goes with it.
     assert found.pop("most buffers") == 4 + 2
     assert found == {"wrong": 0, "right afterwards": True, "loans": 0}
