@@ -87,6 +87,7 @@ def _cast(source: clbvh.Scene | clbvh.Mesh, device: clbvh.DeviceInfo, dtype: str
             if dtype == "f4":  # few ask for points in float32
                 continue
             tracer.closest_point(origins)
+            tracer.closest_points(origins, 2)
             tracer.contains(origins)
             tracer.signed_distance(origins)
             tracer.ambient_occlusion(origins, directions, rays=1)

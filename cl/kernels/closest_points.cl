@@ -22,6 +22,6 @@ kernel void closest_points(WORLD_ARGUMENTS, POINT_ARGUMENTS,
     const near_heap_t heap = {hits + (size_t)index * slots, slots, 0};
     const world_nearest_t nearest = find_world_nearest(&world, metrics, &point, heap);
     for (int slot = nearest.kept.count; slot < slots; slot++) {
-        heap.heap[slot].prim_id = NO_PRIM;
+        heap.heap[slot] = as_kept(INFINITY, NO_PRIM, NO_PRIM);
     }
 }

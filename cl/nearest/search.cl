@@ -41,6 +41,17 @@ INLINED near_heap_t no_heap(void)
     return none;
 }
 
+// A primitive as it is kept.
+INLINED kept_hit_t as_kept(const float bound, const int prim_id, const int instance_id)
+{
+#if LONE
+    const kept_hit_t kept = {bound, 0.0f, 0.0f, prim_id};
+#else
+    const kept_hit_t kept = {bound, 0.0f, 0.0f, prim_id, instance_id, 0.0f};
+#endif
+    return kept;
+}
+
 // How far the farthest is of those in a heap, and all that are left out; INFINITY while there is room.
 INLINED float farthest_kept(const near_heap_t *kept)
 {
@@ -102,12 +113,7 @@ INLINED void keep_primitive(nearest_t *nearest, const float distance_squared, co
 {
     near_heap_t *kept = &nearest->kept;
     const float bound = (sqrt(distance_squared) - nearest->metric.slack) * unit_length(&nearest->metric);
-    kept_hit_t primitive = {bound, 0.0f, 0.0f, prim_id};
-#if !LONE
-    primitive.instance_id = nearest->instance_id;
-    primitive.t_inside = 0.0f;
-#endif
-    kept->count = keep_first(kept->heap, kept->count, kept->room, primitive);
+    kept->count = keep_first(kept->heap, kept->count, kept->room, as_kept(bound, prim_id, nearest->instance_id));
     limit_distance(nearest, farthest_kept(kept));
 }
 

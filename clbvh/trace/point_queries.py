@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ClbvhWarning, OpenMeshWarning
+from ..errors import ClbvhWarning, ConfigError, OpenMeshWarning
 from ..scene.handles import Geometry, Instance
 from .launch import Caster
 from .moves import Moves
 from .points.ambient_occlusion import Hemispheres, check_sampling, find_open_shares
+from .points.nearest import find_nearest_points
 from .points.queries import SeenPoints, find_closest_points, find_contained, find_signed_distances
 from .points.refine import ClosestPoints
 from .rays.pieces import Progress
@@ -98,6 +100,60 @@ class PointQueries(Moves):
         """
         caster, seen = self._caster, self._see(points, mask, geometry, instance)
         return find_closest_points(caster, seen, progress)
+
+    def closest_points(
+        self,
+        points: ArrayLike,
+        k: int,
+        *,
+        mask: ArrayLike | None = None,
+        geometry: Geometry | None = None,
+        instance: Instance | int | Iterable[Instance | int] | None = None,
+        progress: Progress | None = None,
+    ) -> ClosestPoints:
+        """Return the k nearest primitives of each point, nearest first, with the closest point of each.
+
+        Parameters
+        ----------
+        points, mask, geometry, instance, progress
+            As in `closest_point`.
+        k : int
+            At least 1.
+
+        Returns
+        -------
+        ClosestPoints
+            As of `closest_point`, in the leading shape of the points and k. Where fewer than k are seen, the rest has
+            distance inf, point NaN, and ids -1.
+
+        Raises
+        ------
+        QueryError, ConfigError, SceneError
+            As in `closest_point`; a ConfigError also where k is no integer from 1 on.
+
+        Notes
+        -----
+        Exact in float64, where `closest_point` chooses in float32: no primitive that is left out is nearer. Ties, to
+        2^-46 of distance and coordinates, are in the order of (instance, primitive). A point farther away than 512
+        times half the size of the scene sees it as from there. Where very many primitives are equally near, as from
+        the middle of a round shape, a point takes as much time and memory as these.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> balls = clbvh.Spheres([[0, 0, 0], [4, 0, 0], [9, 0, 0]], 1)
+        >>> closest = clbvh.Tracer(clbvh.Scene(balls)).closest_points([[3, 0, 2], [8, 0, 0]], 2)
+        >>> closest.prim_id
+        array([[1, 0],
+               [2, 1]], dtype=int32)
+        >>> closest.distance.round(2)
+        array([[1.24, 2.61],
+               [0.  , 3.  ]])
+        """
+        if not isinstance(k, Integral) or isinstance(k, bool) or k < 1:
+            raise ConfigError(f"k must be an integer of at least 1, not {k!r}")
+        caster, seen = self._caster, self._see(points, mask, geometry, instance)
+        return find_nearest_points(caster, seen, int(k), progress)
 
     def contains(
         self,

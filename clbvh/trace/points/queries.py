@@ -17,17 +17,17 @@ from ..rays.batch import Broadcast, check_room, read_masks, read_points, read_ra
 from ..rays.pieces import CHUNK_RAYS, Progress
 from ..world.metrics import Metrics
 from ..world.top_tree import prune_top
+from ..world.tree_box import TreeBox
 from ..world.world import with_instances
 from .pack import cut_points_of, find_point_order, pack_points, take_masks, take_points
 from .refine import ClosestPoints, FoundPoints, refine_points
 
 CLOSEST_POINT = Query("closest_point", "prims", WORLD_PRIM)
-_CLOSEST_POINTS = Query("closest_points", "hits")
 _INSIDE = Query("inside", "inside", np.dtype(np.uint8))
 _DEPTH = Query("depth", "prims", WORLD_PRIM)
 
 # Distance, point and ids of a point.
-_POINT_BYTES = 40
+POINT_BYTES = 40
 
 # Directions along which crossings are counted, in this order of preference. Any will do: a direction that no mesh is
 # modelled along meets few edges exactly, where the traversal has the most to do.
@@ -70,7 +70,7 @@ class SeenPoints(NamedTuple):
         return math.prod(self.points.shape)
 
 
-class _Piece(NamedTuple):
+class Piece(NamedTuple):
     """Points `begin` to `end` of a query.
 
     Attributes
@@ -89,7 +89,7 @@ class _Piece(NamedTuple):
     order: NDArray[np.int32]
 
 
-class _Search(NamedTuple):
+class Search(NamedTuple):
     """A call with what the search for near primitives needs of the world."""
 
     call: Call
@@ -97,10 +97,11 @@ class _Search(NamedTuple):
     buffer: Any
 
     @classmethod
-    def begin(cls, caster: Caster, call: Call) -> _Search:
+    def begin(cls, caster: Caster, call: Call) -> Search:
+        """Return the search of a call that is open."""
         return cls(call, *caster.world.metrics.on(caster.session, call.session))
 
-    def find(self, query: Query, piece: _Piece, batch: Batch, found: FoundPoints) -> None:
+    def find(self, query: Query, piece: Piece, batch: Batch, found: FoundPoints) -> None:
         """Write the points of the primitives that a query finds."""
         with self.call.cast(query, batch, metrics=self.buffer) as prims:
             self.refine(piece.points, piece.order, prims, found, piece.order)
@@ -123,27 +124,27 @@ class _Search(NamedTuple):
 
 def find_closest_points(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> ClosestPoints:
     """Return the closest points of what is visible; see `Tracer.closest_point`."""
-    found = _ask(_find_closest, caster, seen, progress)
+    found = ask_visible(_find_closest, caster, seen, progress)
     return found.as_closest(seen.points.shape, caster.world.arrays.geometry_id)
 
 
 def find_contained(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.bool_]:
     """Return whether something visible contains each point; see `Tracer.contains`."""
-    return _ask(_find_inside, caster, seen, progress).reshape(seen.points.shape)
+    return ask_visible(_find_inside, caster, seen, progress).reshape(seen.points.shape)
 
 
 def find_signed_distances(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.float64]:
     """Return the signed distance to the surface of what is visible; see `Tracer.signed_distance`."""
-    return _ask(_find_signed, caster, seen, progress).reshape(seen.points.shape)
+    return ask_visible(_find_signed, caster, seen, progress).reshape(seen.points.shape)
 
 
 @cut_smaller_when_full
 def _find_closest(caster: Caster, seen: SeenPoints, progress: Progress | None) -> FoundPoints:
-    check_room(seen.point_count, _POINT_BYTES, "points")
+    check_room(seen.point_count, POINT_BYTES, "points")
     found = FoundPoints.make(seen.point_count)
     with caster.open_call() as call:
-        search = _Search.begin(caster, call)
-        for piece in _cut(call, seen, progress):
+        search = Search.begin(caster, call)
+        for piece in cut_pieces(call, seen, progress):
             batch = pack_points(call, piece.points, piece.masks, piece.order)
             search.find(CLOSEST_POINT, piece, batch, found.part(piece.begin, piece.end))
     return found
@@ -152,10 +153,10 @@ def _find_closest(caster: Caster, seen: SeenPoints, progress: Progress | None) -
 @cut_smaller_when_full
 def _find_inside(caster: Caster, seen: SeenPoints, progress: Progress | None) -> NDArray[np.bool_]:
     check_room(seen.point_count, 1, "points")
-    is_inside = np.zeros(seen.point_count, np.bool_)
+    is_inside, box = np.zeros(seen.point_count, np.bool_), caster.world.box  # nothing contains points out of the box
     with caster.open_call() as call:
-        for piece in _cut(call, seen, progress):
-            order = piece.order[_are_in_box(call, piece)[piece.order]]
+        for piece in cut_pieces(call, seen, progress):
+            order = piece.order[find_in_box(piece.points, box, box.half)[piece.order]]
             if call.on_host(len(order)):
                 rays, shape = read_rays(piece.points[order], GENERIC_DIRECTIONS[0], 0.0, np.inf)
                 is_odd = count_hits(caster, rays, shape, None, None) % 2 == 1
@@ -168,11 +169,11 @@ def _find_inside(caster: Caster, seen: SeenPoints, progress: Progress | None) ->
 
 @cut_smaller_when_full
 def _find_signed(caster: Caster, seen: SeenPoints, progress: Progress | None) -> NDArray[np.float64]:
-    check_room(seen.point_count, _POINT_BYTES, "points")
-    signed, found = np.empty(seen.point_count), FoundPoints.make(seen.point_count)
+    check_room(seen.point_count, POINT_BYTES, "points")
+    signed, found, box = np.empty(seen.point_count), FoundPoints.make(seen.point_count), caster.world.box
     with caster.open_call() as call:
-        search = _Search.begin(caster, call)
-        for piece in _cut(call, seen, progress):
+        search = Search.begin(caster, call)
+        for piece in cut_pieces(call, seen, progress):
             part, own = found.part(piece.begin, piece.end), signed[piece.begin : piece.end]
             batch = pack_points(call, piece.points, piece.masks, piece.order)
             search.find(CLOSEST_POINT, piece, batch, part)
@@ -181,14 +182,16 @@ def _find_signed(caster: Caster, seen: SeenPoints, progress: Progress | None) ->
                 search.find(_DEPTH, piece, batch, part)
                 is_inside = part.prim_id != NO_PRIM
             else:
-                is_inside = _are_in_box(call, piece)
+                is_inside = find_in_box(piece.points, box, box.half)
                 with call.cast(_INSIDE, batch) as inside:
                     is_inside[piece.order] &= inside.view(np.bool_)
             own[is_inside] = part.distance[is_inside]
     return signed
 
 
-def _ask(query: Callable[..., Any], caster: Caster, seen: SeenPoints, progress: Progress | None, *rest: Any) -> Any:
+def ask_visible(
+    query: Callable[..., Any], caster: Caster, seen: SeenPoints, progress: Progress | None, *rest: Any
+) -> Any:
     """Return the answer of a query at the chosen instances alone."""
     if seen.instance_ids is None:
         return query(caster, seen, progress, *rest)
@@ -210,15 +213,16 @@ def select_instances(caster: Caster, instance_ids: NDArray[np.integer]) -> Itera
         yield caster.at(with_instances(world, buffers))
 
 
-def _cut(call: Call, seen: SeenPoints, progress: Progress | None, *, most_points: int = CHUNK_RAYS) -> Iterator[_Piece]:
+def cut_pieces(
+    call: Call, seen: SeenPoints, progress: Progress | None, *, most_points: int = CHUNK_RAYS
+) -> Iterator[Piece]:
     """Yield the pieces in which to cast points."""
     box = call.world.box
     for begin, end in cut_points_of(call, PACKED_POINT, seen.point_count, progress, most_points=most_points):
         points, masks = take_points(seen.points, begin, end, box), take_masks(seen.masks, begin, end)
-        yield _Piece(begin, end, points, masks, find_point_order(points, box, call.threads))
+        yield Piece(begin, end, points, masks, find_point_order(points, box, call.threads))
 
 
-def _are_in_box(call: Call, piece: _Piece) -> NDArray[np.bool_]:
-    """Return which points are in the box around the world: nothing contains others."""
-    box = call.world.box
-    return np.logical_and.reduce(np.abs((piece.points - box.centre) * box.scale) <= box.half, axis=1)
+def find_in_box(points: NDArray[Any], box: TreeBox, half: ArrayLike) -> NDArray[np.bool_]:
+    """Return which points are in a box of half this size, in local units, around the middle of the world."""
+    return np.logical_and.reduce(np.abs((points - box.centre) * box.scale) <= half, axis=1)

@@ -192,8 +192,9 @@ def refine_points(
     slots : (m,) int32
         Where to write each of them.
     """
-    prim_ids = prims["prim_id"]
-    instance_ids = np.minimum(prim_ids, 0) if prims.dtype == HIT else prims["instance_id"]
+    # Contiguous, because numba would compile another version of the loop for others.
+    prim_ids = prims["prim_id"].copy()
+    instance_ids = np.minimum(prim_ids, 0) if prims.dtype == HIT else prims["instance_id"].copy()
     far = _FAR_SHARE * box.half.max() / box.scale
     _refine(
         points, order, arrays, metrics.axes, metrics.half_lengths, box.centre, far, prim_ids, instance_ids, slots,
