@@ -65,8 +65,6 @@ class PointQueries(Moves):
         ------
         QueryError
             Wrong shape, or a value that is not finite: the message names the first bad point. Or the tracer is closed.
-        ConfigError
-            A geometry or an instance is named, but the tracer has no scene.
         SceneError
             The geometry or the instance is not one of the scene.
 
@@ -128,8 +126,10 @@ class PointQueries(Moves):
 
         Raises
         ------
-        QueryError, ConfigError, SceneError
-            As in `closest_point`; a ConfigError also where k is no integer from 1 on.
+        ConfigError
+            k is no integer of at least 1.
+        QueryError, SceneError
+            As in `closest_point`.
 
         Notes
         -----

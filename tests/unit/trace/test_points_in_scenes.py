@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, Scene, Spheres, Tracer, make_shape
-from clbvh.errors import ConfigError, OpenMeshWarning, QueryError, SceneError
+from clbvh.errors import OpenMeshWarning, QueryError, SceneError
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.rays import pieces
 
@@ -362,11 +362,6 @@ class TestBatches:
                 ask([[0, 0, 0]], instance=99)
         with pytest.raises(QueryError, match="closed"):
             ask([[0, 0, 0]])
-        with (
-            Tracer(make_shape("icosphere", triangles=20), device=session.info) as tracer,
-            pytest.raises(ConfigError, match="no instances"),
-        ):
-            getattr(tracer, query)([[0, 0, 0]], instance=0)
 
 
 class TestOneMesh:
