@@ -37,8 +37,8 @@ _LEAST_SIZES = 2
 _SCAN, _GROWTH = "scan", "growth"
 
 _PICTURES = {"800 x 450": _PICTURE, "1080p": (1920, 1080), "4K": _LARGE_PICTURE}
-# The host's threads take this many shares of the rays: their steps differ much.
-_SHARES = 1024
+# Rays that a thread of the host takes at a time: their steps differ much, so threads take many small shares.
+_SHARE_RAYS = 1 << 12
 _HOST_WIDTH = 8
 _ONE, _ALL, _DEVICE = "host, 1 core", "host, all cores", "device"
 
@@ -141,7 +141,8 @@ class Resolution(Experiment):
             threads = bench.open(("threads", count), lambda: HostThreads(count))
             tree = bench.once(("host tree", name), lambda: _arrange(bvh))
             begin = time.perf_counter()
-            threads.run(partial(_cast, tree, TreeBox.around(bvh), rays), cut_range(0, len(rays[0]), _SHARES))
+            shares = cut_range(0, len(rays[0]), -(-len(rays[0]) // _SHARE_RAYS))
+            threads.run(partial(_cast, tree, TreeBox.around(bvh), rays), shares)
             trace_ms = kernel_ms = trace_wall_ms = (time.perf_counter() - begin) * 1e3
         times = {"build_ms": values["build_ms"], "trace_ms": trace_ms, "total_ms": values["build_ms"] + trace_ms}
         return Sample({**times, "kernel_ms": kernel_ms, "trace_wall_ms": trace_wall_ms, "rays": len(rays[0])})
