@@ -48,6 +48,16 @@ INLINED bool is_in_instance(const world_t *world, const global instance_t *insta
         instance->block_count, instance->kind, transform_vector(instance->to_object, -way));
 }
 
+// Returns the index of the next visible instance that contains a point, or -1 after the last one.
+INLINED int next_around(const world_t *world, instance_walk_t *walk, const point_pair_t *point)
+{
+    int index;
+    do {
+        index = next_containing(walk, world->top_nodes, point->position);
+    } while (index >= 0 && !is_in_instance(world, world->instances + index, point));
+    return index;
+}
+
 #endif
 
 // Whether the world contains a point: a lone shape, or a visible instance.
@@ -59,13 +69,7 @@ INLINED bool is_in_world(const world_t *world, const point_pair_t *point)
 #else
     instance_walk_t walk;
     begin_walk(&walk, world->top_nodes, point->position);
-    for (int index = next_containing(&walk, world->top_nodes, point->position); index >= 0;
-         index = next_containing(&walk, world->top_nodes, point->position)) {
-        if (is_in_instance(world, world->instances + index, point)) {
-            return true;
-        }
-    }
-    return false;
+    return next_around(world, &walk, point) >= 0;
 #endif
 }
 
@@ -79,12 +83,9 @@ INLINED world_prim_t find_deepest(
 #else
     instance_walk_t walk;
     begin_walk(&walk, world->top_nodes, point->position);
-    for (int index = next_containing(&walk, world->top_nodes, point->position); index >= 0;
-         index = next_containing(&walk, world->top_nodes, point->position)) {
+    int index;
+    while ((index = next_around(world, &walk, point)) >= 0) {
         const global instance_t *instance = world->instances + index;
-        if (!is_in_instance(world, instance, point)) {
-            continue;
-        }
         world_nearest_t nearest = no_world_nearest(no_heap());
         visit_instance_near(world, instance, metrics, point, &nearest);
         const bool is_first = deepest.prim.prim_id == NO_PRIM;

@@ -15,7 +15,7 @@ from ..launch import Caster, Query, cut_smaller_when_full
 from ..rays.batch import check_room
 from ..rays.pieces import Progress
 from .pack import FAR_SHARE, pack_points
-from .queries import POINT_BYTES, Piece, Search, SeenPoints, ask_visible, cut_pieces, find_in_box
+from .queries import POINT_BYTES, Piece, Search, SeenPoints, at_chosen_instances, cut_pieces, find_in_box
 from .refine import ClosestPoints, FoundPoints
 
 _CLOSEST_POINTS = Query("closest_points", "hits")
@@ -33,23 +33,19 @@ _SLOT_GROWTH = 4
 _TIE_SHARE = 2.0**-46
 
 
+@at_chosen_instances
+@cut_smaller_when_full
 def find_nearest_points(
     caster: Caster, seen: SeenPoints, count: int, progress: Progress | None = None
 ) -> ClosestPoints:
     """Return the nearest primitives of what is visible; see `Tracer.closest_points`."""
-    found = ask_visible(_find_nearest, caster, seen, progress, count)
-    return found.as_closest((*seen.points.shape, count), caster.world.arrays.geometry_id)
-
-
-@cut_smaller_when_full
-def _find_nearest(caster: Caster, seen: SeenPoints, progress: Progress | None, count: int) -> FoundPoints:
     check_room(seen.point_count, count * POINT_BYTES, "points")
     found, slots = FoundPoints.make(seen.point_count * count), count + _SPARE_SLOTS
     with caster.open_call() as call:
         search = Search.begin(caster, call)
         for piece in cut_pieces(call, seen, progress, most_points=max(1, _MOST_SLOTS // slots)):
             _search(search, piece, count, slots, found.part(piece.begin * count, piece.end * count))
-    return found
+    return found.as_closest((*seen.points.shape, count), caster.world.arrays.geometry_id)
 
 
 def _search(search: Search, piece: Piece, count: int, slots: int, found: FoundPoints) -> None:

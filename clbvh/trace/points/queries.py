@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,8 @@ from ..world.tree_box import TreeBox
 from ..world.world import with_instances
 from .pack import cut_points_of, find_point_order, pack_points, take_masks, take_points
 from .refine import ClosestPoints, FoundPoints, refine_points
+
+_Result = TypeVar("_Result")
 
 CLOSEST_POINT = Query("closest_point", "prims", WORLD_PRIM)
 _INSIDE = Query("inside", "inside", np.dtype(np.uint8))
@@ -122,24 +125,37 @@ class Search(NamedTuple):
         self.call.threads.for_ranges(len(order), refine)
 
 
+def at_chosen_instances(query: Callable[..., _Result]) -> Callable[..., _Result]:
+    """Decorate a query of a caster and `SeenPoints`: its caster is at the world of the chosen instances alone."""
+
+    @functools.wraps(query)
+    def ask(caster: Caster, seen: SeenPoints, *arguments: Any) -> _Result:
+        if seen.instance_ids is None:
+            return query(caster, seen, *arguments)
+        if caster.world.is_lone:
+            masks = seen.masks if 0 in seen.instance_ids else _NOTHING_VISIBLE
+            return query(caster, seen._replace(masks=masks), *arguments)
+        with select_instances(caster, seen.instance_ids) as selected:
+            return query(selected, seen, *arguments)
+
+    return ask
+
+
+@contextmanager
+def select_instances(caster: Caster, instance_ids: NDArray[np.integer]) -> Iterator[Caster]:
+    """Give a caster at some of the instances of a scene."""
+    world = caster.world
+    assert world.top is not None
+    # The call keeps the device open.
+    with caster.open_call() as call:
+        buffers = {name: call.session.upload(array) for name, array in prune_top(world.top, instance_ids).items()}
+        yield caster.at(with_instances(world, buffers))
+
+
+@at_chosen_instances
+@cut_smaller_when_full
 def find_closest_points(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> ClosestPoints:
     """Return the closest points of what is visible; see `Tracer.closest_point`."""
-    found = ask_visible(_find_closest, caster, seen, progress)
-    return found.as_closest(seen.points.shape, caster.world.arrays.geometry_id)
-
-
-def find_contained(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.bool_]:
-    """Return whether something visible contains each point; see `Tracer.contains`."""
-    return ask_visible(_find_inside, caster, seen, progress).reshape(seen.points.shape)
-
-
-def find_signed_distances(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.float64]:
-    """Return the signed distance to the surface of what is visible; see `Tracer.signed_distance`."""
-    return ask_visible(_find_signed, caster, seen, progress).reshape(seen.points.shape)
-
-
-@cut_smaller_when_full
-def _find_closest(caster: Caster, seen: SeenPoints, progress: Progress | None) -> FoundPoints:
     check_room(seen.point_count, POINT_BYTES, "points")
     found = FoundPoints.make(seen.point_count)
     with caster.open_call() as call:
@@ -147,11 +163,13 @@ def _find_closest(caster: Caster, seen: SeenPoints, progress: Progress | None) -
         for piece in cut_pieces(call, seen, progress):
             batch = pack_points(call, piece.points, piece.masks, piece.order)
             search.find(CLOSEST_POINT, piece, batch, found.part(piece.begin, piece.end))
-    return found
+    return found.as_closest(seen.points.shape, caster.world.arrays.geometry_id)
 
 
+@at_chosen_instances
 @cut_smaller_when_full
-def _find_inside(caster: Caster, seen: SeenPoints, progress: Progress | None) -> NDArray[np.bool_]:
+def find_contained(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.bool_]:
+    """Return whether something visible contains each point; see `Tracer.contains`."""
     check_room(seen.point_count, 1, "points")
     is_inside, box = np.zeros(seen.point_count, np.bool_), caster.world.box  # nothing contains points out of the box
     with caster.open_call() as call:
@@ -164,11 +182,13 @@ def _find_inside(caster: Caster, seen: SeenPoints, progress: Progress | None) ->
             elif len(order):
                 with call.cast(_INSIDE, pack_points(call, piece.points, piece.masks, order)) as inside:
                     is_inside[piece.begin + order] = inside
-    return is_inside
+    return is_inside.reshape(seen.points.shape)
 
 
+@at_chosen_instances
 @cut_smaller_when_full
-def _find_signed(caster: Caster, seen: SeenPoints, progress: Progress | None) -> NDArray[np.float64]:
+def find_signed_distances(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.float64]:
+    """Return the signed distance to the surface of what is visible; see `Tracer.signed_distance`."""
     check_room(seen.point_count, POINT_BYTES, "points")
     signed, found, box = np.empty(seen.point_count), FoundPoints.make(seen.point_count), caster.world.box
     with caster.open_call() as call:
@@ -186,31 +206,7 @@ def _find_signed(caster: Caster, seen: SeenPoints, progress: Progress | None) ->
                 with call.cast(_INSIDE, batch) as inside:
                     is_inside[piece.order] &= inside.view(np.bool_)
             own[is_inside] = part.distance[is_inside]
-    return signed
-
-
-def ask_visible(
-    query: Callable[..., Any], caster: Caster, seen: SeenPoints, progress: Progress | None, *rest: Any
-) -> Any:
-    """Return the answer of a query at the chosen instances alone."""
-    if seen.instance_ids is None:
-        return query(caster, seen, progress, *rest)
-    if caster.world.is_lone:
-        masks = seen.masks if 0 in seen.instance_ids else _NOTHING_VISIBLE
-        return query(caster, seen._replace(masks=masks), progress, *rest)
-    with select_instances(caster, seen.instance_ids) as selected:
-        return query(selected, seen, progress, *rest)
-
-
-@contextmanager
-def select_instances(caster: Caster, instance_ids: NDArray[np.integer]) -> Iterator[Caster]:
-    """Give a caster at some of the instances of a scene."""
-    world = caster.world
-    assert world.top is not None
-    # The call keeps the device open.
-    with caster.open_call() as call:
-        buffers = {name: call.session.upload(array) for name, array in prune_top(world.top, instance_ids).items()}
-        yield caster.at(with_instances(world, buffers))
+    return signed.reshape(seen.points.shape)
 
 
 def cut_pieces(

@@ -202,20 +202,9 @@ def refine_points(
     )  # fmt: skip
 
 
-class _Scratch(NamedTuple):
-    """Memory for one point after the other: vectors of three."""
-
-    a: NDArray[np.float64]
-    b: NDArray[np.float64]
-    c: NDArray[np.float64]
-    shares: NDArray[np.float64]
-    way: NDArray[np.float64]
-
-
 @compiled(error_model="numpy")
 def _refine(points, order, arrays, axes, half_lengths, centre, far, prim_ids, instance_ids, slots, found):
-    scratch = _Scratch(np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3))
-    a, b, c, weights, way = scratch
+    a, b, c, weights, way = scratch = (np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3))
     distance, nearest = found.distance, found.point
     vertices, faces, kind, geometry_id = arrays.vertices, arrays.faces, arrays.kind, arrays.geometry_id
     for row in range(len(order)):
@@ -290,7 +279,7 @@ def _close_to_sphere(point, arrays, axes, half_lengths, instance, prim, scratch,
     x, y, z, radius = (
         arrays.spheres[sphere, 0], arrays.spheres[sphere, 1], arrays.spheres[sphere, 2], arrays.spheres[sphere, 3]
     )  # fmt: skip
-    position, lengths, shares, way = scratch.a, scratch.b, scratch.shares, scratch.way
+    position, lengths, signs, shares, way = scratch
     nearest[0], nearest[1], nearest[2] = place_point(arrays, instance, x, y, z)
     size, reach = 0.0, 0.0
     for axis in range(3):
@@ -302,7 +291,7 @@ def _close_to_sphere(point, arrays, axes, half_lengths, instance, prim, scratch,
     exponent = exponent_of(size)
     for row in range(3):
         along = axes[row, 0] * way[0] + axes[row, 1] * way[1] + axes[row, 2] * way[2]
-        scratch.c[row] = -1.0 if along < 0.0 else 1.0
+        signs[row] = -1.0 if along < 0.0 else 1.0
         position[row] = times_power_of_two(abs(along) * share, -exponent)
         lengths[row] = times_power_of_two(half_lengths[row] * radius, -exponent)
     find_shares(position, lengths, shares)
@@ -311,7 +300,7 @@ def _close_to_sphere(point, arrays, axes, half_lengths, instance, prim, scratch,
         away = position[row] - shares[row] * lengths[row]
         squared += away * away
         for axis in range(3):
-            nearest[axis] += scratch.c[row] * shares[row] * (half_lengths[row] * radius) * axes[row, axis]
+            nearest[axis] += signs[row] * shares[row] * (half_lengths[row] * radius) * axes[row, axis]
     return _far_distance(point, nearest, reach) if is_far else times_power_of_two(np.sqrt(squared), exponent)
 
 
