@@ -105,7 +105,7 @@ class World:
         """Size of a node."""
         return self.trees.dtypes["nodes"].itemsize
 
-    @property
+    @cached_property
     def memory_bytes(self) -> int:
         """Bytes of all buffers."""
         top = 0 if self.top is None else self.top.nodes.nbytes + self.top.instances.nbytes
