@@ -134,7 +134,7 @@ INSTANCE = np.dtype(
         # No point of the geometry is farther from the centre, in the scene's local coordinates.
         ("radius", "f4"),
         # The linear part of the map from the geometry's local coordinates to the scene's.
-        ("to_scene", "f4", (3, 3)),
+        ("to_world", "f4", (3, 3)),
         # Where the geometry's nodes and blocks begin, and how many blocks it has.
         ("first_node", "i4"),
         ("first_block", "i4"),

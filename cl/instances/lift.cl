@@ -29,14 +29,14 @@ INLINED float lift_over_instance(
     }
     // Normals are transformed to the object by the transpose of the map from there. A height of 1 in the scene is one
     // of 1 / gain in the object.
-    const float3 turned = normal.x * load3(instance->to_scene[0]) + normal.y * load3(instance->to_scene[1])
-        + normal.z * load3(instance->to_scene[2]);
+    const float3 turned = normal.x * load3(instance->to_world[0]) + normal.y * load3(instance->to_world[1])
+        + normal.z * load3(instance->to_world[2]);
     const float3 object_normal = unit_vector(turned);
     const float gain = dot_product(turned, object_normal);
     // From inside of a sphere, errors along the tangent plane lead out of it, too.
     const float3 weights = instance->kind == KIND_SPHERES ? (float3)(1.0f) : magnitude(object_normal);
     const float3 entry =
-        transform_bound(instance->to_object, transform_bound(instance->to_scene, (float3)(1.0f)));
+        transform_bound(instance->to_object, transform_bound(instance->to_world, (float3)(1.0f)));
     const float roundings = ROUNDING * dot_product(weights, SURFACE_ROUNDINGS + ENTRY_ROUNDINGS * entry);
     // The way along the scene's normal leads sideways in the object, and the reach grows.
     const float3 sideways = gain * magnitude(transform_vector(instance->to_object, normal));

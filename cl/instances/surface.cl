@@ -23,7 +23,7 @@ typedef struct {
 #if HAS_SPHERES
     float radius;      // of a sphere that its instance does not stretch; 0 for a triangle
 #endif
-} placed_surface_t;
+} instance_surface_t;
 
 // A bound on the magnitude of a transformed vector, of which a bound is known.
 INLINED float3 transform_bound(const global float rows[3][3], const float3 bound)
@@ -34,19 +34,19 @@ INLINED float3 transform_bound(const global float rows[3][3], const float3 bound
 }
 
 // Moves a surface from the geometry's local coordinates to the scene's.
-INLINED placed_surface_t place_surface(const global instance_t *instance, const surface_t *surface)
+INLINED instance_surface_t place_surface(const global instance_t *instance, const surface_t *surface)
 {
     const float3 centre = load3(instance->centre);
-    const float3 reach = transform_bound(instance->to_scene, magnitude(surface->position));
+    const float3 reach = transform_bound(instance->to_world, magnitude(surface->position));
     const float3 error = ROUND_TRIP_ERROR * reach + PAIR_ERROR * (magnitude(centre) + reach);
     surface_t padded = *surface;
     padded.error += transform_bound(instance->to_object, error);
 
-    placed_surface_t placed;
+    instance_surface_t placed;
     float3 low;
-    placed.above = add_exactly(centre, transform_vector(instance->to_scene, point_above(&padded)), &low);
+    placed.above = add_exactly(centre, transform_vector(instance->to_world, point_above(&padded)), &low);
     placed.above_low = low + load3(instance->centre_low);
-    placed.below = add_exactly(centre, transform_vector(instance->to_scene, point_below(&padded)), &low);
+    placed.below = add_exactly(centre, transform_vector(instance->to_world, point_below(&padded)), &low);
     placed.below_low = low + load3(instance->centre_low);
     placed.is_back = surface->is_back;
     // Normals are transformed by the transpose of the inverse.
@@ -61,7 +61,7 @@ INLINED placed_surface_t place_surface(const global instance_t *instance, const 
 }
 
 // The surface where a ray's nearest crossing with the scene is.
-INLINED placed_surface_t scene_surface_at(
+INLINED instance_surface_t instance_surface_at(
     const global instance_t *instances, const global block_t *blocks, const global float *spheres,
     const ray_pair_t *ray, const search_t *search)
 {
@@ -73,8 +73,8 @@ INLINED placed_surface_t scene_surface_at(
         const ray_t inside = enter_instance(ray, instance, INFINITY, &t_shift);
         const ball_t ball = ball_at((const global sphere_block_t *)own_blocks, search->nearest.triangle_index);
         const surface_t surface = sphere_surface_at(&ball, search->nearest.u > 0.0f, &inside);
-        placed_surface_t placed = place_surface(instance, &surface);
-        const float3 scale = load3(instance->to_scene[0]);
+        instance_surface_t placed = place_surface(instance, &surface);
+        const float3 scale = load3(instance->to_world[0]);
         placed.radius = ball.radius * square_root(dot_product(scale, scale));
         return placed;
     }

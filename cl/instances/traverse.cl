@@ -116,7 +116,7 @@ INLINED void visit_for(
 }
 
 // The largest t outside at which a crossing can still change the answer.
-INLINED float scene_limit(const search_t *search, const ray_pair_t *ray, const int query)
+INLINED float world_limit(const search_t *search, const ray_pair_t *ray, const int query)
 {
     if (query == QUERY_CLOSEST) {
         return smaller(search->nearest.t, ray->t_max);
@@ -218,7 +218,7 @@ INLINED void traverse_instances(
     walk.node = start.top_node;
     walk.stack_count = 0;
     while (true) {
-        const int leaf = find_next_leaf(top_nodes, scene_limit(search, ray, query), search, &walk, stack);
+        const int leaf = find_next_leaf(top_nodes, world_limit(search, ray, query), search, &walk, stack);
         if (leaf == NO_LEAF) {
             return;
         }

@@ -69,7 +69,7 @@ INLINED point_t way_to_box(const metric_t *metric, const point_t aabb_min, const
 #else
 
 typedef struct {
-    float to_scene[3][3];  // from the geometry's local coordinates into the scene, by rows
+    float to_world[3][3];  // from the geometry's local coordinates into the scene, by rows
     float3 offset;         // from the point to the zero of the geometry's local coordinates
     float unit;            // units of the metric in one of the scene's
     // The same map in rotated axes.
@@ -88,9 +88,9 @@ typedef struct {
 INLINED point_t place_point(const metric_t *metric, const real_t x, const real_t y, const real_t z)
 {
     const point_t result = {
-        metric->to_scene[0][0] * x + metric->to_scene[0][1] * y + metric->to_scene[0][2] * z + metric->offset.x,
-        metric->to_scene[1][0] * x + metric->to_scene[1][1] * y + metric->to_scene[1][2] * z + metric->offset.y,
-        metric->to_scene[2][0] * x + metric->to_scene[2][1] * y + metric->to_scene[2][2] * z + metric->offset.z};
+        metric->to_world[0][0] * x + metric->to_world[0][1] * y + metric->to_world[0][2] * z + metric->offset.x,
+        metric->to_world[1][0] * x + metric->to_world[1][1] * y + metric->to_world[1][2] * z + metric->offset.y,
+        metric->to_world[2][0] * x + metric->to_world[2][1] * y + metric->to_world[2][2] * z + metric->offset.z};
     return result;
 }
 
@@ -143,7 +143,7 @@ make_metric(const global instance_t *instance, const global metric_record_t *rec
     metric.offset = unit * way;
     for (int row = 0; row < 3; row++) {
         for (int column = 0; column < 3; column++) {
-            metric.to_scene[row][column] = unit * instance->to_scene[row][column];
+            metric.to_world[row][column] = unit * instance->to_world[row][column];
         }
     }
     metric.stretch = unit * load3(record->stretch);

@@ -98,7 +98,7 @@ INLINED bool is_sphere(const world_t *world, const search_t *search)
 
 INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t *ray, const search_t *search)
 {
-    const placed_surface_t placed = scene_surface_at(world->instances, world->blocks, world->spheres, ray, search);
+    const instance_surface_t placed = instance_surface_at(world->instances, world->blocks, world->spheres, ray, search);
     world_surface_t surface = {
         placed.above, {placed.above, placed.above_low}, {placed.below, placed.below_low}, placed.normal,
         placed.is_back, search->instance_id, search->nearest.prim_id, search->nearest.u, search->nearest.v};
@@ -118,7 +118,7 @@ INLINED float3 place_normal(const world_t *world, const search_t *search, const 
 
 INLINED float3 place_vector(const world_t *world, const search_t *search, const float3 vector)
 {
-    return transform_vector(world->instances[search->instance_index].to_scene, vector);
+    return transform_vector(world->instances[search->instance_index].to_world, vector);
 }
 
 INLINED corners_t hit_corners(const world_t *world, const search_t *search)

@@ -48,7 +48,7 @@ def measured(request, run_shell):
     instances = np.zeros(COUNT, INSTANCE)
     radius = np.linalg.norm(maps, axis=(1, 2))
     centres = generator.uniform(-1, 1, (COUNT, 3))
-    instances["to_scene"], instances["radius"], instances["kind"] = maps, radius, PRIM_KINDS["spheres"]
+    instances["to_world"], instances["radius"], instances["kind"] = maps, radius, PRIM_KINDS["spheres"]
     instances["centre"] = centres
     instances["centre_low"] = centres - instances["centre"]
     away = 10.0 ** generator.uniform(-2, 3, (COUNT, 1)) * generator.normal(size=(COUNT, 3)) * radius[:, None]
@@ -66,7 +66,7 @@ def measured(request, run_shell):
         DEFINES,
     )
     # The map as the device has it.
-    linear = instances["to_scene"].astype(np.float64)
+    linear = instances["to_world"].astype(np.float64)
     centre = instances["centre"].astype(np.float64) + instances["centre_low"]
     offset = centre - positions.astype(np.float64)
     reach = np.abs(linear).sum(axis=(1, 2)) + np.abs(offset).sum(axis=1)

@@ -48,7 +48,7 @@ def placed(request, kind, run_shell):
     matrices, centres = make_matrices(generator, count, kind, request.param), generator.uniform(-1, 1, (count, 3))
     inverses = np.linalg.inv(matrices)
     instances = np.zeros(count, INSTANCE)
-    instances["to_scene"], instances["to_object"] = matrices, inverses
+    instances["to_world"], instances["to_object"] = matrices, inverses
     instances["centre"] = centres
     instances["centre_low"] = centres - instances["centre"]
     instances["radius"] = 2 * np.abs(matrices).sum(axis=2).max(axis=1)

@@ -76,7 +76,7 @@ def _lane(name: str) -> int:
     return int(INSTANCE.fields[name][1]) // 4  # type: ignore[index]
 
 
-_TO_OBJECT, _TO_SCENE = _lane("to_object"), _lane("to_scene")
+_TO_OBJECT, _TO_WORLD = _lane("to_object"), _lane("to_world")
 _CENTRE, _CENTRE_LOW, _RADIUS = _lane("centre"), _lane("centre_low"), _lane("radius")
 _FIRST_NODE, _FIRST_BLOCK, _BLOCK_COUNT = _lane("first_node"), _lane("first_block"), _lane("block_count")
 _KIND, _MASK, _ID = _lane("kind"), _lane("mask"), _lane("instance_id")
@@ -174,7 +174,7 @@ def _write_records(arrays, ranges, masks, order, centre, scale, lanes, ints):
                 entry = linear[instance, row, column]
                 place += entry * origin[geometry, column]
                 extent += abs(entry) * half_size[geometry, column]
-                lanes[slot, _TO_SCENE + 3 * row + column] = entry / own_scale * scale
+                lanes[slot, _TO_WORLD + 3 * row + column] = entry / own_scale * scale
                 inverse_entry = inverse[instance, row, column] / scale * own_scale
                 # Written so that NaN is too large.
                 if not abs(inverse_entry) <= _MOST_INVERSE:

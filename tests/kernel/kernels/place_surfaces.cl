@@ -28,7 +28,7 @@ kernel void place_surfaces(
     const corners_t corners = corners_at(triangles, i);
     const float3 direction = transform_vector(instances[i].to_object, vload3(i, directions));
     const surface_t surface = surface_at(&corners, &crossing, direction);
-    const placed_surface_t placed = place_surface(instances + i, &surface);
+    const instance_surface_t placed = place_surface(instances + i, &surface);
     vstore3(placed.above, i, points);
     vstore3(placed.above_low, i, lows);
     vstore3(placed.normal, i, normals);
