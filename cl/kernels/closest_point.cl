@@ -9,7 +9,7 @@
 
 #include "world/nearest.cl"
 
-kernel void closest_point(WORLD_ARGUMENTS, POINT_ARGUMENTS, 
+kernel void closest_point(WORLD_ARGUMENTS, POINT_ARGUMENTS,
     const global metric_record_t *restrict metrics, global world_prim_t *restrict prims)
 {
     const int index = get_global_id(0);

@@ -10,7 +10,7 @@
 
 #include "world/nearest.cl"
 
-kernel void closest_points(WORLD_ARGUMENTS, POINT_ARGUMENTS, 
+kernel void closest_points(WORLD_ARGUMENTS, POINT_ARGUMENTS,
     const global metric_record_t *restrict metrics, global kept_hit_t *restrict hits, const int slots)
 {
     const int index = get_global_id(0);

@@ -1,5 +1,5 @@
-// The distance of the point from a sphere's surface: of a single one, or, if WIDTH is defined, of WIDTH spheres in lanes.
-// Both are the same arithmetic with the same bits.
+// The distance of the point from a sphere's surface: of a single one, or, if WIDTH is defined, of WIDTH spheres in
+// lanes. Both are the same arithmetic with the same bits.
 
 #include "nearest/metric.cl"
 #include "nearest/point_triangle.cl"

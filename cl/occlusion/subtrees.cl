@@ -2,8 +2,8 @@
 // rays would visit the nodes from the root down to the point, and test the boxes beside that way again and again; these
 // boxes are tested here together, and those behind the plane, or too far away, never.
 //
-// The subtrees are those of a lone shape, in the layouts with HAS_ENTRY_POINTS, see traversal/traverse.cl. Elsewhere, all
-// rays begin at the root.
+// The subtrees are those of a lone shape, in the layouts with HAS_ENTRY_POINTS, see traversal/traverse.cl. Elsewhere,
+// all rays begin at the root.
 
 #include "math/vectors.cl"
 #include "traversal/traverse.cl"

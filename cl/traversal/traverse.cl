@@ -4,8 +4,8 @@
 // traverse            reports each crossing of a ray to a search, until that is complete, from the node `start` down
 // corners_at          corners of a triangle, by its index
 //
-// Assumes LAYOUT, one of the LAYOUT_ constants, and STACK_SIZE, see the layouts. HAS_SPHERES: see hits/search.cl; the blocks of a
-// tree over spheres are passed as if they were block_t.
+// Assumes LAYOUT, one of the LAYOUT_ constants, and STACK_SIZE, see the layouts. HAS_SPHERES: see
+// hits/search.cl; the blocks of a tree over spheres are passed as if they were block_t.
 
 // keep: files that several layouts include are expanded before the branches. The host expands each file once, where it
 // is first included, and that must not be inside a branch that is left out

@@ -1,7 +1,6 @@
 // The shapes of a world that contain a point: closed meshes that a ray from the point crosses an odd number of times,
 // and spheres in one of which the point is.
 
-#include "nearest/nearest.cl"
 #include "world/nearest.cl"
 #include "world/points.cl"
 #if !LONE

@@ -110,8 +110,8 @@ INLINED world_nearest_t find_world_nearest(
         float squared[2];
         bool may_be[2];
         for (int child = 0; child < 2; child++) {
-            may_be[child] =
-                may_instance_be_nearer(world->top_nodes, 2 * node + child, point->position, best.distance, squared + child);
+            may_be[child] = may_instance_be_nearer(
+                world->top_nodes, 2 * node + child, point->position, best.distance, squared + child);
         }
         int next = -1;
         if (may_be[0] && may_be[1]) {
@@ -137,7 +137,8 @@ INLINED world_nearest_t find_world_nearest(
                     return best;
                 }
                 next = stack[--stack_count];
-            } while (!may_instance_be_nearer(world->top_nodes, next, point->position, best.distance, &distance_squared));
+            } while (!may_instance_be_nearer(
+                world->top_nodes, next, point->position, best.distance, &distance_squared));
         }
         node = world->top_nodes[next >> 1].first[next & 1];
     }

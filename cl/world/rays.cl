@@ -12,6 +12,7 @@
 // order[ray_count]            see rays/batch.cl
 // tiles[], entry_points[]     where the rays of each tile begin, see world/starts.cl. NULL: all begin at the root
 
+// keep: the kernels of rays use it
 #include "rays/batch.cl"
 #include "world/world.cl"
 

@@ -112,7 +112,7 @@ def test_hits_are_those_of_the_tracer(knot_picture):
 def test_hits_are_refined_once_and_by_rows(knot_picture, monkeypatch):
     assert knot_picture.hits is knot_picture.hits
     monkeypatch.setattr(refine_module, "_CHUNK_PIXELS", VIEW.width * 7)
-    by_rows = refine_module.refine_pixels(knot_picture.mesh, knot_picture.camera, knot_picture.found)
+    by_rows = refine_module.refine_pixels(knot_picture.scene.surface, knot_picture.camera, knot_picture.found)
     for name in ("t", "u", "v", "prim_id"):
         assert np.array_equal(getattr(by_rows, name), getattr(knot_picture.hits, name)), name
 

@@ -33,7 +33,8 @@ kernel void measure_placed(
     const float3 way = way_to_instance(instances + i, vload3(i, positions), (float3)(0.0f));
     const nearest_t nearest = make_nearest(make_metric(instances + i, metrics + i, way), KIND_SPHERES);
     const float unit = nearest.metric.unit;
-    const point_t outside = way_to_box(&nearest.metric, point_at(vload3(2 * i, boxes)), point_at(vload3(2 * i + 1, boxes)));
+    const point_t outside =
+        way_to_box(&nearest.metric, point_at(vload3(2 * i, boxes)), point_at(vload3(2 * i + 1, boxes)));
     to_box[i] = sqrt(dot_of(outside, outside)) / unit;
     slack[i] = nearest.metric.slack / unit;
     const float3 corner = vload3(i, corners);

@@ -95,8 +95,9 @@ def test_a_saved_scene_has_them(tmp_path):
 def test_a_forged_file_is_refused(tmp_path, monkeypatch, change, message):
     dumps = json.dumps
 
-    def forge(document, **options):
-        return dumps(document | {"materials": change(document["materials"])}, **options)
+    def forge(text, **options):
+        document = json.loads(dumps(text, **options))
+        return dumps(document | {"materials": change(document["materials"])})
 
     monkeypatch.setattr(serialize.json, "dumps", forge)
     place_all().save(tmp_path / "all.scene")
