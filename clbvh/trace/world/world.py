@@ -111,7 +111,7 @@ class World:
         top = 0 if self.top is None else self.top.nodes.nbytes + self.top.instances.nbytes
         return self.trees.memory_bytes + top
 
-    @property
+    @cached_property
     def mesh(self) -> Mesh | None:
         """The mesh of a lone world; None of others."""
         shape = self.state.shapes[0]
