@@ -26,7 +26,7 @@ def limited(kind, value):
 def is_right_or_said(place, outcome):
     code, _, errors = outcome
     if code < 0:
-        # PoCL aborts the process where it cannot start a thread, and so does its compiler, which is C++, without memory.
+        # PoCL aborts the process where it cannot start a thread, and so does its compiler, in C++, without memory.
         aborts = "PTHREAD ERROR", "LLVM ERROR: out of memory", "std::bad_alloc"
         assert any(abort in errors for abort in aborts), errors
         return
