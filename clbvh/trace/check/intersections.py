@@ -8,7 +8,7 @@ Triangles are met in an orthonormal frame of the ray, instead of the device's sh
 
 from __future__ import annotations
 
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -140,6 +140,15 @@ class _SeenRays(NamedTuple):
         return cls(np.empty(count, np.int64), *np.empty((2, count, 3)), *np.empty((3, count)))
 
 
+class _Asked(NamedTuple):
+    """The rays and an instance, see `Instance.numbers`; what the device may be off; and the radius of the world."""
+
+    instance: Any
+    tolerance: Tolerance
+    size: float
+    rays: Rays
+
+
 def find_intersections(
     world: SceneState, rays: Rays, tolerance: Tolerance | None = None, known_instances: list[Instance] | None = None
 ) -> Intersections:
@@ -203,27 +212,28 @@ def _see(instance, tolerance, size, rays, directions, seen):
 
 def _find(instance: Instance, tolerance: Tolerance, size: float, rays: Rays, seen: _SeenRays) -> NDArray[np.void]:
     """Return the intersections of rays with the primitives of an instance."""
-    shape, asked = instance.shape, (instance.numbers, tolerance, size, rays)
+    shape, asked = instance.shape, _Asked(instance.numbers, tolerance, size, rays)
     found = np.empty(_FIRST_ROOM * len(seen.ids) + 1, _FOUND)
     while True:
         if isinstance(shape, Mesh):
             corners = shape.local_vertices.astype(np.float64) @ instance.to_world.T
             triangles = np.ascontiguousarray(corners), shape.faces, shape.degenerate_faces
-            count = _meet_triangles(*triangles, *asked, seen, found)
+            count = _meet_triangles(*triangles, asked, seen, found)
         else:
             directions = seen.directions @ instance.to_local.T
             stretches = np.linalg.norm(directions, axis=1)
             local = seen._replace(feet=seen.feet @ instance.to_local.T, directions=directions / stretches[:, None])
             spheres = shape.local_centres.astype(np.float64), shape.local_radii.astype(np.float64)
-            count = _meet_spheres(*spheres, *asked, local, stretches, found)
+            count = _meet_spheres(*spheres, asked, local, stretches, found)
         if count <= len(found):
             return found[:count]
         found = np.empty(count, _FOUND)
 
 
 @compiled(error_model="numpy")
-def _add(found, count, instance, tolerance, size, rays, ray, prim, side, is_sure, distances):
+def _add(found, count, asked, ray, prim, side, is_sure, distances):
     """Write an intersection that the limits of the ray allow, if there is room; return how many there are with it."""
+    instance, tolerance, size, rays = asked
     length, t_min, t_max = rays.lengths[ray], rays.t_min[ray], rays.t_max[ray]
     scale = instance.unit / length
     t, low, high = distances[0] * scale, distances[1] * scale, distances[2] * scale
@@ -239,7 +249,7 @@ def _add(found, count, instance, tolerance, size, rays, ray, prim, side, is_sure
 
 
 @compiled
-def _meet_triangles(corners, faces, degenerate, instance, tolerance, size, rays, seen, found):
+def _meet_triangles(corners, faces, degenerate, asked, seen, found):
     """Write the intersections that there is room for; return how many there are."""
     frame = np.empty((3, 3), np.float64)
     count = 0
@@ -255,14 +265,12 @@ def _meet_triangles(corners, faces, degenerate, instance, tolerance, size, rays,
             sureness, height, low, high = meet_triangle(a, b, c, blur)
             if sureness >= 0:
                 distances = shift + height, shift + low, shift + high
-                count = _add(
-                    found, count, instance, tolerance, size, rays, seen.ids[index], prim, 0, sureness > 0, distances
-                )
+                count = _add(found, count, asked, seen.ids[index], prim, 0, sureness > 0, distances)
     return count
 
 
 @compiled
-def _meet_spheres(centres, radii, instance, tolerance, size, rays, seen, stretches, found):
+def _meet_spheres(centres, radii, asked, seen, stretches, found):
     """Write the intersections that there is room for; return how many there are. The rays are local."""
     count = 0
     for index in range(len(stretches)):
@@ -283,7 +291,7 @@ def _meet_spheres(centres, radii, instance, tolerance, size, rays, seen, stretch
                 low, high = min(one, other) - blur, max(one, other) + blur
                 is_sure, ray = beside < radius - blur, seen.ids[index]
                 distances = shift + (along + side * half) / stretch, shift + low / stretch, shift + high / stretch
-                count = _add(found, count, instance, tolerance, size, rays, ray, prim, side, is_sure, distances)
+                count = _add(found, count, asked, ray, prim, side, is_sure, distances)
     return count
 
 
