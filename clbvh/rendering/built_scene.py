@@ -1,4 +1,4 @@
-"""What a renderer shows: the objects of a scene at one moment, their trees, and what is known of both."""
+"""The subject of a renderer: the objects of a scene at one moment, with their trees, bounds and materials."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class BuiltScene:
         self.surface: Surface
         self.made: BuildResult | None = None
         if options.builder == BRUTE:
-            if (count := self._count_placed()) > BRUTE_LIMIT:
+            if (count := self.state.placed_prim_count) > BRUTE_LIMIT:
                 raise ConfigError(
                     f"the brute builder tests every primitive for every ray: {count:,} "
                     f"{'triangles' if self.mesh else 'primitives'} are more than its limit of {BRUTE_LIMIT:,}"
@@ -80,11 +80,6 @@ class BuiltScene:
             self.trees = (bvh,)
         else:
             self._build()
-
-    def _count_placed(self) -> int:
-        """Return the number of primitives of all instances."""
-        prim_counts = np.array([shape.prim_count for shape in self.state.shapes], np.int64)
-        return int(prim_counts[self.state.geometry_ids].sum())
 
     def _build(self) -> None:
         made = [get_tree(shape, self._options) for shape in self.state.shapes]
@@ -178,5 +173,5 @@ class BuiltScene:
             "spheres": sum(shape.prim_count for shape in self.state.shapes) - face_count,
             "geometries": self.state.geometry_count,
             "instances": self.state.instance_count,
-            "placed_primitives": self._count_placed(),
+            "placed_primitives": self.state.placed_prim_count,
         }

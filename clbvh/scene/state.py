@@ -77,6 +77,12 @@ class SceneState:
         """Number of instances."""
         return len(self.geometry_ids)
 
+    @property
+    def placed_prim_count(self) -> int:
+        """Primitives of all instances."""
+        counts = np.array([shape.prim_count for shape in self.shapes], np.int64)
+        return int(counts[self.geometry_ids].sum())
+
     def material_of(self, instance_id: int) -> Material | None:
         """Return the material that an instance has of its own.
 

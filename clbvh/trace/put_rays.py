@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..structs import FAR_RADII, PACKED_RAY, RAY_LOW
-from .host.walk import count_steps
+from .host.walk import mean_steps
 from .launch import Batch, Call
 from .rays.batch import RayBatch, RayRows
 from .rays.pack import NEAR_SHARE, find_shared_low, pack_rays
@@ -44,7 +44,7 @@ def cut_batch(
 def _count_steps(world: World, batch: RayBatch) -> float:
     """Return the steps of a ray, see `pieces.cut_rays`; infinity where the host does not see the tree, as on GPUs."""
     tree = world.on_host()
-    return math.inf if tree is None else count_steps(tree, world.box, batch)
+    return math.inf if tree is None else mean_steps(tree, world.box, batch)
 
 
 def put_rays(call: Call, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool = True) -> Batch:

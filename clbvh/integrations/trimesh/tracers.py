@@ -1,7 +1,7 @@
 """The tracers of all meshes and scenes of trimesh: one for each and its options, shared by its engines.
 
-Owns what is known of a mesh or a scene, the locks, trying again, and the bound of the device's memory. Must not know
-who queries.
+Owns the state of each followed mesh or scene, its lock, the second attempt after another thread's close, and the bound
+of the device's memory. Knows nothing of queries.
 
 A mesh of trimesh and its engines refer to each other, so its memory goes back when Python's garbage collector runs,
 which counts objects and not their bytes: hence the bound.

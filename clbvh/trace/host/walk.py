@@ -62,7 +62,7 @@ def cast_on_host(tree: WideArrays, box: TreeBox, batch: RayBatch, most_crossings
     return found[:, ANSWER]
 
 
-def count_steps(tree: WideArrays, box: TreeBox, batch: RayBatch) -> float:
+def mean_steps(tree: WideArrays, box: TreeBox, batch: RayBatch) -> float:
     """Return how many nodes and leaves a ray of a batch visits for its closest hit, on average; at least one ray.
 
     Of a batch with a bad ray, the answer is infinity.

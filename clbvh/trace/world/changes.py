@@ -147,7 +147,7 @@ class Changes:
         with trees.mapped(session, geometry_id, write=True) as arrays:
             box = refit.write(world.state.shapes[geometry_id], shape, *arrays, threads)
         if rebuilds and refit.sah_growth > REBUILD_GROWTH:
-            del trees  # the device need not have room for it and for the next one
+            del trees, arrays  # the device need not have room for them and for the next ones
             trees, box = self._rebuild(before, geometry_id, shape, session)
         if geometry_id == 0:
             trees = replace(trees, box=box)

@@ -117,16 +117,10 @@ class World:
         shape = self.state.shapes[0]
         return shape if self.is_lone and isinstance(shape, Mesh) else None
 
-    @cached_property
-    def prim_count(self) -> int:
-        """Primitives of all instances."""
-        counts = np.array([shape.prim_count for shape in self.state.shapes], np.int64)
-        return int(counts[self.state.geometry_ids].sum())
-
     @property
     def most_hits(self) -> int:
         """Most hits that a ray can have: one with each triangle, two with each sphere."""
-        return self.prim_count if self.mesh is not None else 2 * self.prim_count
+        return self.state.placed_prim_count * (1 if self.mesh is not None else 2)
 
     def on_host(self) -> WideArrays | None:
         """Return the tree as the host sees it, for calls that are running; None where it does not."""

@@ -13,7 +13,7 @@ from clbvh.structs import NO_PRIM
 from clbvh.trace import launch
 from clbvh.trace.hits import closest
 from clbvh.trace.hits.closest import CLOSEST_HIT
-from clbvh.trace.host.walk import count_steps
+from clbvh.trace.host.walk import mean_steps
 from clbvh.trace.put_rays import cut_batch, put_rays
 from clbvh.trace.rays.batch import read_rays
 
@@ -160,7 +160,7 @@ def test_steps_are_those_of_the_layout(session, mesh, rays, width):
     batch, _ = read_rays(*rays, 0.0, np.inf)
     with Tracer(bvh, device=session.info, layout=f"bvh{width}") as tracer:
         world = tracer._caster.world
-        counted = count_steps(world.on_host(), world.box, batch)
+        counted = mean_steps(world.on_host(), world.box, batch)
         steps = closest.count_steps(tracer._caster, *rays)
     assert counted == pytest.approx(steps["node_steps"].mean() + steps["leaf_visits"].mean())
     assert counted > 1
@@ -170,7 +170,7 @@ def test_the_steps_of_a_bad_ray_are_infinite(session, mesh):
     batch, _ = read_rays([[0, 0, 5], [np.nan, 0, 0]], [0, 0, -1], 0.0, np.inf)
     with Tracer(build(mesh), device=session.info, layout="bvh8") as tracer:
         world = tracer._caster.world
-        assert count_steps(world.on_host(), world.box, batch) == np.inf
+        assert mean_steps(world.on_host(), world.box, batch) == np.inf
 
 
 class TestWhere:
