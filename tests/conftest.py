@@ -1,22 +1,25 @@
-"""Shared by all tests: a device, the real meshes, the folder of machine code, and the rule about skipping."""
+"""Shared by all tests: a device, sources of rays, tracers, the cache of compiled code, the rule about skipping.
+
+Fixtures with the scope of the session are made by the first test that asks for them; no test changes them.
+"""
 
 from __future__ import annotations
 
 import os
 import random
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from hypothesis import settings
-
-from clbvh.support.folders import CACHE_VARIABLE, find_cache
 
 from . import profiles
 
 if TYPE_CHECKING:
+    from clbvh import Mesh, Scene, Tracer
     from clbvh.device.session import DeviceSession
 
 # The only reasons for which a test may skip where REQUIRE_DEVICE is set: missing things that are no part of the
@@ -24,12 +27,16 @@ if TYPE_CHECKING:
 _MAY_BE_MISSING = ("CLBVH_MESHES", "docker:", "peers:", "compilers for GPUs:")
 REQUIRE_DEVICE = "CLBVH_REQUIRE_DEVICE"
 
+_OUT = Path(__file__).parents[1] / "out"
+
 # `--hypothesis-profile` comes later and wins.
 settings.load_profile(profiles.SHORT)
 
-# All processes of a run share the user's machine code, however a test sets `CLBVH_CACHE`. numba reads this when it is
-# imported, so nothing above may import it.
-os.environ.setdefault("NUMBA_CACHE_DIR", str(find_cache() / "compiled"))
+# All workers, runs and processes of their own share what numba and PoCL compile, however a test sets `CLBVH_CACHE`.
+# Both read this when they are loaded, so nothing above may import clbvh.
+for _variable, _folder in (("NUMBA_CACHE_DIR", "compiled"), ("POCL_CACHE_DIR", "pocl")):
+    (_OUT / "cache" / _folder).mkdir(parents=True, exist_ok=True)
+    os.environ.setdefault(_variable, str(_OUT / "cache" / _folder))
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -64,7 +71,7 @@ def pytest_runtest_makereport(item, call):
 def _empty_cache(tmp_path_factory) -> Iterator[None]:
     """Hide the user's cache: settings of `clbvh tune`, trees and meshes there must not change a test."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(CACHE_VARIABLE, str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("CLBVH_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield
 
 
@@ -104,6 +111,71 @@ def _opened_device() -> Iterator[DeviceSession]:
 def session(_opened_device: DeviceSession) -> DeviceSession:
     """The default device, opened once for all tests."""
     return _opened_device
+
+
+@pytest.fixture(scope="session")
+def mesh() -> Mesh:
+    """A closed knot of 1,800 triangles in the device's own coordinates: the oracle judges what the device is given."""
+    from clbvh import make_shape
+
+    from .rays import centred
+
+    return centred(make_shape("knot", triangles=1800))
+
+
+@pytest.fixture(scope="session")
+def world(mesh: Mesh) -> Scene:
+    """The knot in its own place, and around it a sheared mirror image, a far small copy, and spheres."""
+    from clbvh import Scene, Spheres
+
+    scene = Scene(mesh)
+    knot = scene.geometries[0]
+    scene.place(knot, [[-1, 0.5, 0, 3], [0, 1, 0.25, 0], [0, 0, 2, 1], [0, 0, 0, 1]])
+    scene.place(knot, [[0, -0.25, 0, -2], [0.25, 0, 0, 2], [0, 0, 0.25, 0], [0, 0, 0, 1]], mask=2)
+    generator = np.random.default_rng(32)
+    scene.place(scene.add(Spheres(generator.uniform(-2, 2, (20, 3)), generator.uniform(0.05, 0.4, 20))))
+    return scene
+
+
+@pytest.fixture(scope="session", params=["mesh", "world"])
+def source(request: pytest.FixtureRequest) -> Mesh | Scene:
+    """Both, one after the other: for tests that must hold for a lone mesh and for instances."""
+    return request.getfixturevalue(request.param)
+
+
+@pytest.fixture(scope="session")
+def rays(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """3,072 rays in a random order that are hard for the knot: origins and directions."""
+    from .rays import hard_rays
+
+    origins, directions = hard_rays(mesh, 3072, np.random.default_rng(30))
+    order = np.random.default_rng(31).permutation(len(origins))
+    return origins[order], directions[order]
+
+
+@pytest.fixture(scope="session")
+def open_tracer(_opened_device: DeviceSession) -> Iterator[Callable[..., Tracer]]:
+    """A function from a source and options to its `Tracer`, opened once for the same object and options."""
+    from clbvh import Tracer
+
+    opened: dict[tuple[object, ...], tuple[object, Tracer]] = {}
+
+    def find(source: object, **options: object) -> Tracer:
+        key = (id(source), *sorted(options.items()))
+        if key not in opened:
+            # The source is kept, too, so that its id stays its own.
+            opened[key] = source, Tracer(source, device=_opened_device.info, **options)
+        return opened[key][1]
+
+    yield find
+    for _, tracer in opened.values():
+        tracer.close()
+
+
+@pytest.fixture(scope="session")
+def tracer(open_tracer: Callable[..., Tracer], mesh: Mesh) -> Tracer:
+    """The tracer of the knot."""
+    return open_tracer(mesh)
 
 
 @pytest.fixture(scope="session")
