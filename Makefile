@@ -5,6 +5,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT := out
 
+# A thousand files of tests are imported more quickly where Python may keep what it compiled.
+export PYTHONDONTWRITEBYTECODE :=
+export PYTHONPYCACHEPREFIX := $(CURDIR)/out/cache/python
+
 # One stamp per set of packages; all of them depend on what is to be installed.
 INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
@@ -14,7 +18,7 @@ INSTALLED_STUDY := $(VENV)/.installed-study
 INSTALLED_PTXAS := $(VENV)/.installed-ptxas
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo linker gallery test test-long fuzz mutants conformance conformance-refresh platforms lint bench \
+.PHONY: help setup demo linker gallery test test-processes test-long fuzz mutants conformance conformance-refresh platforms lint bench \
   docs study results gpu-report clean
 
 help: ## list the targets
@@ -35,9 +39,14 @@ gallery: $(INSTALLED) ## draw the pictures of the pages again, each by the comma
 
 # Each of the WORKERS runs whole files: it compiles for itself what its files share. One test alone is quicker without.
 WORKERS := $(if $(TESTS),0,auto)
+# What runs in processes of its own is a lane by itself: slower, and seldom broken by a change.
+PROCESSES := tests/processes
 
-test: $(INSTALLED_DEV) ## run all tests on the OpenCL device at hand, PoCL if there is no other
-	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile $(TESTS)
+test: $(INSTALLED_DEV) ## run the tests on the OpenCL device at hand, PoCL if there is no other; TESTS= runs some
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile $(if $(TESTS),,--ignore=$(PROCESSES)) $(TESTS)
+
+test-processes: $(INSTALLED_DEV) ## run the tests that start processes: installs, forks, signals, limits, empty caches, examples
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile $(PROCESSES)
 
 # A property's examples and most seeds are random; `make test-long SEED=123` repeats a run.
 test-long: $(INSTALLED_DEV) ## run all tests with many more random examples, for an hour or so
@@ -82,7 +91,7 @@ results: $(INSTALLED_STUDY) ## write docs/results.md and the README's table from
 # The examples are the docstrings', the pages' and the scripts'. `make docs PAGES=only` leaves them out, where `make test`
 # has run them. The variable silences an announcement of mkdocs-material's about MkDocs 2.
 docs: $(INSTALLED_DOCS) ## run every example, and build the documentation site in out/site
-	$(if $(filter only,$(PAGES)),,$(BIN)/python -m pytest --quiet tests/docs tests/examples)
+	$(if $(filter only,$(PAGES)),,$(BIN)/python -m pytest --quiet tests/docs tests/processes/test_examples.py)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo "out/site/index.html"
 

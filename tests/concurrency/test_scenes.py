@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
-import subprocess
-import sys
 import threading
 import time
 
@@ -16,7 +13,7 @@ import clbvh
 from clbvh.errors import MeshError, QueryError, SceneError
 from clbvh.trace.rays import pieces
 
-from ..profiles import is_long, seeds
+from ..profiles import is_long
 from .moving_scenes import STATES, MovingScene
 from .queries import ask
 from .threads import run_in_threads
@@ -250,17 +247,3 @@ class TestMemory:
             with pytest.raises(MeshError):
                 tracer.set_vertices(ball, np.full_like(mesh.vertices, np.nan))
             assert buffer_count(tracer) <= before
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="interrupts by the timer of Unix")
-@pytest.mark.parametrize("seed", seeds(1))
-def test_interrupted_changes_leave_the_state_before_or_after_them(seed):
-    count = 2000 if is_long() else 200
-    script = [sys.executable, "-m", "tests.concurrency.interrupting_scenes", str(seed), str(count)]
-    ran = subprocess.run(script, capture_output=True, text=True, timeout=1800)
-    assert ran.returncode == 0, ran.stderr
-    found = json.loads(ran.stdout)
-    assert found.pop("interrupted") > count // 10
-    # Those of one scene, and nodes and blocks for its next shape: what an interrupted change has taken goes with it.
-    assert found.pop("most buffers") == 4 + 2
-    assert found == {"wrong": 0, "right afterwards": True, "loans": 0}

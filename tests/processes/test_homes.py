@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from .command import Place, scene_in
+from .place import Place, scene_in
 
 
 @pytest.fixture(scope="module")

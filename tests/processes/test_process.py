@@ -16,7 +16,7 @@ import pytest
 from clbvh import make_shape
 from clbvh.cli.app import VERBS
 
-from .command import TIMEOUT_S, make_environment, refuses, run_clbvh, run_process
+from ..cli.command import TIMEOUT_S, make_environment, refuses, run_clbvh, run_process
 
 # Python leaves Ctrl-C alone where the shell that started the tests ignores it, as it does for a job in the background.
 _INTERRUPTIBLE = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"

@@ -16,8 +16,8 @@ import trimesh
 
 from clbvh.device.select import list_devices
 
+from ..cli.command import make_environment, refuses, run_clbvh
 from ..docs.test_pages import MESHES
-from .command import make_environment, refuses, run_clbvh
 
 ROOT = Path(__file__).parents[2]
 
@@ -46,7 +46,7 @@ def run_spied(folder, tasks):
     """Run commands and code in a process of their own, in a folder; return what machine code they needed."""
     listed = folder / "code.json"
     process = subprocess.run(
-        [sys.executable, "-m", "tests.compiled_code", listed],
+        [sys.executable, "-m", "tests.processes.compiled_code", listed],
         input=json.dumps(tasks),
         capture_output=True,
         text=True,

@@ -7,9 +7,9 @@ import time
 
 import pytest
 
-from ..processes import list_session, wait_until
-from .command import Place, scene_in
-from .test_interrupts import COMPILERS_LAST_WORD
+from .place import Place, scene_in
+from .sessions import list_session, wait_until
+from .test_interrupted_commands import COMPILERS_LAST_WORD
 
 # More frames than are done before the signal comes.
 FRAMES = 2000

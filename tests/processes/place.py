@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..cli.command import make_answer, make_environment
-from ..processes import list_session, wait_until
+from .sessions import list_session, wait_until
 
 TIMEOUT_S = 120
 

@@ -10,7 +10,7 @@ import pytest
 
 from clbvh.device.select import list_devices
 
-from .command import FIRST_RUN, make_environment, run_process
+from ..cli.command import FIRST_RUN, make_environment, run_process
 
 OFF = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
 

@@ -18,7 +18,7 @@ COUNT = 60
 @pytest.mark.parametrize("seed", seeds(1))
 def test_nothing_is_left_of_interrupted_queries(seed):
     count = 20 * COUNT if is_long() else COUNT
-    script = [sys.executable, "-m", "tests.concurrency.interrupting", str(seed), str(count)]
+    script = [sys.executable, "-m", "tests.processes.interrupting", str(seed), str(count)]
     ran = subprocess.run(script, capture_output=True, text=True, timeout=1800)
     assert ran.returncode == 0, ran.stderr
     found = json.loads(ran.stdout)
@@ -31,10 +31,23 @@ def test_nothing_is_left_of_interrupted_queries(seed):
 @pytest.mark.parametrize("seed", seeds(1))
 def test_interrupted_updates_leave_the_mesh_before_or_after_them(seed):
     count = 2000 if is_long() else 200
-    script = [sys.executable, "-m", "tests.concurrency.interrupting_updates", str(seed), str(count)]
+    script = [sys.executable, "-m", "tests.processes.interrupting_updates", str(seed), str(count)]
     ran = subprocess.run(script, capture_output=True, text=True, timeout=1800)
     assert ran.returncode == 0, ran.stderr
     found = json.loads(ran.stdout)
     assert found.pop("interrupted") > count // 10
     # Nodes and blocks, those of the next update, and what points need.
     assert found == {"wrong": 0, "right afterwards": True, "loans": 0, "buffers": 5}
+
+
+@pytest.mark.parametrize("seed", seeds(1))
+def test_interrupted_changes_leave_the_scene_before_or_after_them(seed):
+    count = 2000 if is_long() else 200
+    script = [sys.executable, "-m", "tests.processes.interrupting_scenes", str(seed), str(count)]
+    ran = subprocess.run(script, capture_output=True, text=True, timeout=1800)
+    assert ran.returncode == 0, ran.stderr
+    found = json.loads(ran.stdout)
+    assert found.pop("interrupted") > count // 10
+    # Those of one scene, and nodes and blocks for its next shape: what an interrupted change has taken goes with it.
+    assert found.pop("most buffers") <= 4 + 2
+    assert found == {"wrong": 0, "right afterwards": True, "loans": 0}

@@ -16,9 +16,9 @@ import clbvh
 from clbvh.support.host_threads import HostThreads
 from clbvh.trace.rays import pieces
 
+from ..concurrency.queries import ask, make_queries
+from ..concurrency.threads import run_in_threads
 from .interrupt import interrupt
-from .queries import ask, make_queries
-from .threads import run_in_threads
 
 # A query that does not come back within this time hangs.
 PATIENCE_S = 60.0

@@ -34,7 +34,7 @@ MOST_MIB = 12.0
 @pytest.mark.parametrize("work", COUNTS)
 def test_repetition_leaves_nothing_behind(work, tmp_path):
     warm_up, short, long = COUNTS[work]
-    script = [sys.executable, "-m", "tests.concurrency.growing", work, str(warm_up), str(long if is_long() else short)]
+    script = [sys.executable, "-m", "tests.processes.growing", work, str(warm_up), str(long if is_long() else short)]
     environment = {**os.environ, "TMPDIR": str(tmp_path)}
     ran = subprocess.run(script, capture_output=True, text=True, timeout=3600, env=environment, check=True)
     growth = json.loads(ran.stdout)

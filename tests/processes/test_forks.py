@@ -34,7 +34,7 @@ ENDS_ITSELF = [
 @pytest.fixture(scope="module")
 def children():
     """How each child of `forking.py` ended, by its name."""
-    script = [sys.executable, "-m", "tests.concurrency.forking"]
+    script = [sys.executable, "-m", "tests.processes.forking"]
     ran = subprocess.run(script, capture_output=True, text=True, timeout=300, check=True)
     return json.loads(ran.stdout)
 

@@ -9,7 +9,7 @@ import signal
 import pytest
 
 from ..profiles import is_long
-from .command import Place, scene_in
+from .place import Place, scene_in
 
 COMMANDS = {
     "render": ("render", "scene.toml", "-o", "a.png", "--hits", "a.npz", "--cache"),

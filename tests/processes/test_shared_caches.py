@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ..profiles import is_long
-from .command import Place, scene_in
+from .place import Place, scene_in
 
 ROUNDS = 20 if is_long() else 1
 WORDS = ("render", "scene.toml", "--cache", "--width", 64)

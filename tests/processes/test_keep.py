@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from .command import Place, scene_in
-from .test_interrupts import COMPILERS_LAST_WORD
+from .place import Place, scene_in
+from .test_interrupted_commands import COMPILERS_LAST_WORD
 
 # More samples than are taken before the signal comes.
 WORDS = ("render", "scene.toml", "-o", "a.png", "--samples", 10_000_000, "--json")

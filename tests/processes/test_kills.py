@@ -7,9 +7,9 @@ import time
 
 import pytest
 
-from ..processes import list_session, wait_until
 from ..profiles import is_long
-from .command import Place, scene_in
+from .place import Place, scene_in
+from .sessions import list_session, wait_until
 
 RENDER = ("render", "scene.toml", "-o", "a.png")
 MOMENTS = 40 if is_long() else 1

@@ -16,11 +16,11 @@ import time
 import clbvh
 from clbvh.support.host_threads import HostThreads
 
+from ..concurrency.moving_scenes import STATES, MovingScene
+from ..concurrency.queries import ask
+from ..concurrency.threads import run_in_threads
 from .interrupt import interrupt
 from .interrupting import PATIENCE_S
-from .moving_scenes import STATES, MovingScene
-from .queries import ask
-from .threads import run_in_threads
 
 
 def main(seed, count):

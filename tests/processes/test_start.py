@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from .command import TIMEOUT_S, make_environment
+from ..cli.command import TIMEOUT_S, make_environment
 
 # Modules that numba imports before it compiles. Loading machine code needs none of them.
 TO_COMPILE = (

@@ -1,6 +1,6 @@
 """Says which machine code a program needed: a process that runs commands or Python code, and lists the versions.
 
-    python -m tests.compiled_code LIST.json < TASKS.json
+    python -m tests.processes.compiled_code LIST.json < TASKS.json
 
 The tasks are lists: the words of a `clbvh` command, or one text, Python code. The list has, as text, each version of a
 compiled function that Python called, and apart those that numba compiled because its cache did not have them.

@@ -16,11 +16,11 @@ import time
 import clbvh
 from clbvh.support.host_threads import HostThreads
 
+from ..concurrency.queries import ask, make_queries
+from ..concurrency.threads import run_in_threads
 from ..deform import deform
 from .interrupt import interrupt
 from .interrupting import PATIENCE_S
-from .queries import ask, make_queries
-from .threads import run_in_threads
 
 _FRAMES = 4
 

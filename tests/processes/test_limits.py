@@ -7,7 +7,7 @@ import resource
 
 import pytest
 
-from .command import Place, scene_in
+from .place import Place, scene_in
 
 MIB = 1 << 20
 

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from .command import Place, scene_in
+from .place import Place, scene_in
 
 
 @pytest.fixture(scope="module")
