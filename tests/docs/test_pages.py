@@ -35,6 +35,12 @@ NOT_RUN = {
     "clbvh study": "measures for minutes",
 }
 
+# Pictures of the pages' commands are drawn small: of an option that is given twice, the last counts.
+SMALL = {
+    verb: ["--width", "48", "--height", "32", *more]
+    for verb, more in {"render": ["--samples", "1"], "turntable": ["--frames", "3"], "sheet": [], "images": []}.items()
+}
+
 # Words in capitals that stand for something, as in `clbvh stats MESH|SCENE`.
 PLACEHOLDERS = {"MESH|SCENE": "part.ply", "MESH": "part.ply", "SOURCE": "part.ply", "FILE": "part.ply", "DIR": "trees"}
 
@@ -113,7 +119,7 @@ def run_command(command, snippet):
         return
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a program's, not a test's
-        answer = run_clbvh(*words[1:], CLBVH_DEVICE="cpu")
+        answer = run_clbvh(*words[1:], *SMALL.get(words[1], ()), CLBVH_DEVICE="cpu")
     assert answer.returncode == 0, f"{snippet}: {command}\n{answer.stderr}"
 
 
@@ -122,31 +128,33 @@ def list_options(verb):
     return {name for argument in make_app()[verb].assemble_argument_collection() for name in argument.names}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
-def test_commands_have_these_options(page):
-    lines = [line for snippet in find_snippets(page) for line in list_commands(snippet)]
-    commands = [line for line in lines if line.startswith("clbvh ")] + find_inline_commands(page)
-    for line in commands:
-        words = replace_placeholders(line)[1:]
-        if not words or words[0].startswith("-"):
-            known = {"--help", "-h", "--version", "--debug"}
-        else:
-            assert words[0] in VERBS, f"{name(page)}: there is no `{line}`"
-            known = list_options(words[0]) | {"--help"}
-        for word in words:
-            if word.startswith("--") or re.fullmatch("-[a-zA-Z]", word):
-                assert word.split("=")[0] in known, f"{name(page)}: `{line}` has no such option"
+def list_lines(page):
+    """Return the lines of a page that are commands of a shell."""
+    return [line for snippet in find_snippets(page) for line in list_commands(snippet)]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
-def test_make_has_these_targets(page):
+def test_commands_have_these_options():
+    options = {verb: list_options(verb) | {"--help"} for verb in VERBS}
+    for page in PAGES:
+        lines = [line for line in list_lines(page) if line.startswith("clbvh ")] + find_inline_commands(page)
+        for line in lines:
+            words = replace_placeholders(line)[1:]
+            if not words or words[0].startswith("-"):
+                known = {"--help", "-h", "--version", "--debug"}
+            else:
+                assert words[0] in VERBS, f"{name(page)}: there is no `{line}`"
+                known = options[words[0]]
+            for word in words:
+                if word.startswith("--") or re.fullmatch("-[a-zA-Z]", word):
+                    assert word.split("=")[0] in known, f"{name(page)}: `{line}` has no such option"
+
+
+def test_make_has_these_targets():
     targets = set(re.findall(r"^([a-z-]+):", (REPOSITORY / "Makefile").read_text(), re.MULTILINE))
-    text = page.read_text()
-    lines = [line for snippet in find_snippets(page) for line in list_commands(snippet)]
-    named = [*lines, *re.findall(r"`(make [^`]+)`", text)]
-    for command in named:
-        if re.match(r"make [a-z]", command):
-            assert command.split()[1] in targets, f"{name(page)}: {command}"
+    for page in PAGES:
+        for command in [*list_lines(page), *re.findall(r"`(make [^`]+)`", page.read_text())]:
+            if re.match(r"make [a-z]", command):
+                assert command.split()[1] in targets, f"{name(page)}: {command}"
 
 
 def test_pictures_have_their_command():
