@@ -246,9 +246,9 @@ def test_the_source_distribution_has_what_a_build_and_the_tests_need(tmp_path):
     assert list(tmp_path.glob("*.whl"))
 
 
-def test_the_three_lines_of_the_readme_work_from_another_folder(installed_editable, tmp_path):
-    text = (REPOSITORY / "README.md").read_text()
-    code = re.search(r"Three lines of Python.*?```python\n(.*?)```", text, re.DOTALL)[1]
+def test_three_lines_of_the_pages_work_from_another_folder(installed_editable, tmp_path):
+    text = (REPOSITORY / "docs" / "install.md").read_text()
+    code = re.search(r"Three lines that work.*?```python\n(.*?)```", text, re.DOTALL)[1]
     assert sum(map(bool, code.splitlines())) == 3
     printed = call(installed_editable, "-c", code, folder=tmp_path).strip("[]\n ")
     assert float(printed) == pytest.approx(4, abs=0.05)
