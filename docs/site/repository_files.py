@@ -32,8 +32,8 @@ _FILES = {page: file for file, page in _PAGES.items() if "." in file}
 
 # How much a page counts in the search, by the beginning of its path; guides are all others.
 _BOOSTS = {
-    **dict.fromkeys(("internals/", "changelog", "results", "study", "conformance", "reliability"), 0.2),
-    **dict.fromkeys(("reference/", "overview", "contributing", "examples/", "README", "ladder"), 1.0),
+    **dict.fromkeys(("internals/", "changelog", "results", "study", "conformance", "reliability", "credits"), 0.2),
+    **dict.fromkeys(("reference/", "overview", "contributing", "examples/", "README", "ladder", "architecture"), 1.0),
 }
 _GUIDE_BOOST = 2.0
 

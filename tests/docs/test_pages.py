@@ -169,6 +169,16 @@ def test_pictures_are_small():
     assert sum(sizes) < 1_500_000
 
 
+def test_the_architecture_names_files_and_lists_that_exist():
+    page = (REPOSITORY / "docs" / "architecture.md").read_text()
+    drawing = (REPOSITORY / "docs" / "pictures" / "architecture.svg").read_text()
+    paths = re.findall(r"\b(?:clbvh|cl)/[\w./]*\w", page + drawing)
+    assert len(paths) > 40
+    assert [path for path in paths if not (REPOSITORY / path).exists()] == []
+    for words, path in re.findall(r"^\| [^|]+ \| (?:fields of )?`(\w+)` \| `([\w/.]+)` \|$", page, re.MULTILINE):
+        assert re.search(rf"^(class )?{words}\b", (REPOSITORY / path).read_text(), re.MULTILINE), f"{words} in {path}"
+
+
 def replace_placeholders(command: str) -> list[str]:
     """Return the words of a command line, with a file in place of what stands for one."""
     return [PLACEHOLDERS.get(word, word) for word in shlex.split(command)]
