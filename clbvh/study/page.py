@@ -116,7 +116,11 @@ class Figure:
     @property
     def address(self) -> str:
         """The drawing itself as an address."""
-        return f"data:image/svg+xml;base64,{b64encode(draw_figure(self.points, self.y, self.x)).decode()}"
+        return f"data:image/svg+xml;base64,{b64encode(self.draw()).decode()}"
+
+    def draw(self) -> bytes:
+        """Return the drawing as an SVG file."""
+        return draw_figure(self.points, self.y, self.x)
 
 
 @dataclass(frozen=True)
@@ -246,8 +250,9 @@ def wrap(text: str) -> str:
 
 
 def write_table(table: Table) -> str:
-    """Return a table in Markdown, without its caption."""
-    rows = [table.columns, ["---"] * len(table.columns), *([format_cell(cell) for cell in row] for row in table.rows)]
+    """Return a table in Markdown, without its caption and with medians alone."""
+    cells = [[format_cell(cell.median if isinstance(cell, Summary) else cell) for cell in row] for row in table.rows]
+    rows = [table.columns, ["---"] * len(table.columns), *cells]
     lines = [f"| {' | '.join(cell.replace('|', '/') for cell in row)} |" for row in rows]
     lines[1] = lines[1].replace(" ", "")
     return "\n".join(lines)

@@ -95,20 +95,38 @@ class Peers(Experiment):
             for case in results.find(engine=name, query="coherent")
         ]
         yield Figure("Closest hit of coherent rays.", points, Axis("million rays per second", is_log=True))
+        yield list_leads(results, self.say(results, "leads"))
+        differences = []
         for mesh in results.distinct("mesh"):
-            speeds, answers = [], []
+            speeds = []
             for query, title in QUERIES.items():
                 cases = results.by("engine", mesh=mesh, query=query)
-                of_engines = [cases.get(name) for name in names]
-                speeds.append((title, *(figure_of(results, case) for case in of_engines), lead_of(results, cases)))
-                answers.append((title, *(_describe_answers(results, case) for case in of_engines)))
-            yield Table(self.say(results, "speeds", mesh), ("query", *names, "clbvh's lead"), speeds)
-            yield Table(f"{mesh}: answers of items, by which engines agree.", ("query", *names), answers[1:])
+                speeds.append((title, *(figure_of(results, cases.get(name)) for name in names)))
+                answers = [_count_answers(results, cases.get(name)) for name in names]
+                if len({answer for answer in answers if answer is not None}) > 1:
+                    differences.append((mesh, title, *answers))
+            yield Table(self.say(results, "speeds", mesh), ("query", *names), speeds)
+        yield Table(self.say(results, "answers"), ("mesh", "query", *names), differences)
 
 
-def _describe_answers(results: Results, case: Case | None) -> str | None:
-    answers, items = results.values(case, "answers"), results.values(case, "items")
-    return f"{int(answers[0]):,} of {int(items[0]):,}" if answers else None
+def list_leads(results: Results, caption: str) -> Table:
+    """Return the table of leads: queries by meshes, the smallest mesh first."""
+    builds = results.by("mesh", query="build", engine=_OURS)
+    triangles = {mesh: results.count(case, "items") or 0 for mesh, case in builds.items()}
+    meshes = sorted(triangles, key=lambda mesh: triangles[mesh])
+    rows = [
+        (
+            title.removesuffix(", ms"),
+            *(lead_of(results, results.by("engine", mesh=mesh, query=query)) for mesh in meshes),
+        )
+        for query, title in QUERIES.items()
+    ]
+    return Table(caption, ("", *(f"{mesh}, {triangles[mesh]:,}" for mesh in meshes)), rows)
+
+
+def _count_answers(results: Results, case: Case | None) -> int | None:
+    """Return the number of answers, None of an engine that got fewer items than the others."""
+    return None if case is None or case["engine"] == Trimesh.name else results.count(case, "answers")
 
 
 def _share(bench: Bench, name: str) -> Path:

@@ -136,14 +136,18 @@ def test_figures_are_inside():
     assert b"<svg" in base64.b64decode(address.partition(",")[2])
 
 
-def test_markdown_has_tables_and_texts_without_figures():
+def test_markdown_has_medians_texts_and_links_to_figures():
     figure = Figure("Bars.", [("ours", "a", QUIET)], Axis("ms"))
     section = Section(
         "one", "One", "Why?", "By hand.", [Table("All.", ("a|b", "ms"), [("x", QUIET)]), figure], ["Noise."]
     )
-    text = render(RESULTS, machine={"cores": "2"}, sections=[section], folder="results", size="tiny")
+    text = render(
+        RESULTS, machine={"cores": "2"}, sections=[section], folder="results", size="tiny",
+        name_figure=lambda section, number: f"{section.name}-{number}.svg",
+    )  # fmt: skip
     head = "| machine |  |\n|---|---|\n| cores | 2 |\n\n## One\n\nWhy?\n\nBy hand.\n\nAll.\n\n"
-    assert text.endswith(f"{head}| a/b | ms |\n|---|---|\n| x | 10.0 (9.90 to 10.1) |\n\nNoise.\n")
+    table, plot = "| a/b | ms |\n|---|---|\n| x | 10.0 |", "![One, plot](results/one-2.svg)\n\nBars."
+    assert text.endswith(f"{head}{table}\n\n{plot}\n\nNoise.\n")
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,16 @@ from pathlib import Path
 import pytest
 
 from clbvh.errors import ConfigError
-from clbvh.study.publish import BEGIN, END, SAMPLES_FOLDER, open_study, publish, write_readme_table, write_results
+from clbvh.study.publish import (
+    BEGIN,
+    END,
+    SAMPLES_FOLDER,
+    draw_results,
+    open_study,
+    publish,
+    write_readme_table,
+    write_results,
+)
 from clbvh.study.run import run_study
 from clbvh.study.scale import TINY
 
@@ -21,6 +30,8 @@ def find_wrong_documents(project):
     wrong = []
     if (project / "docs" / "results.md").read_text("utf-8") != write_results(study):
         wrong.append("results.md")
+    if draw_results(study).keys() != {path.name for path in (project / "docs" / SAMPLES_FOLDER).glob("*.svg")}:
+        wrong.append("figures")
     readme = (project / "README.md").read_text("utf-8")
     if BEGIN in readme and write_readme_table(study).strip() != readme.partition(BEGIN)[2].partition(END)[0].strip():
         wrong.append("README.md")
