@@ -1,20 +1,24 @@
-"""Any triangles, any points: the nearest triangle is right, and a tree changes no answer."""
+"""Any shapes, placed anywhere, any points: every layout gives the same answers, and they are those of the oracle."""
+
+import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from clbvh import Mesh, Tracer, build
+from clbvh import OpenMeshWarning
+from clbvh.structs import LAYOUT_WIDTHS
+from clbvh.trace.world.trees import BRUTE
 
-from ..profiles import examples
-from ..rays import centred
-from ..unit.trace.nearest_point import CHOICE, check_tree_and_brute_agree, expected_distance
+from ..profiles import examples, seeds
+from ..state_tracer import open_tracer
+from ..unit.trace.scene_distances import SceneDistances
+from ..unit.trace.scene_states import ALL, affine, make_state
+from .random_scenes import GRID, KINDS, LINEAR, make_scene, random_scenes, scale_scene
 
-GRID = 8
-
-coordinate = st.integers(-GRID, GRID)
-corner = st.tuples(coordinate, coordinate, coordinate)
-soup = st.lists(st.tuples(corner, corner, corner), min_size=1, max_size=40)
+POINTS = 80
+CLOSED = ("cube", "ball", "spheres", "more spheres")
 
 
 @pytest.fixture(scope="module")
@@ -22,18 +26,65 @@ def opened(_opened_device):
     return _opened_device
 
 
-@examples(short=25, long=1000)
-@given(triangles=soup, seed=st.integers(0, 2**32 - 1), leaf_size=st.sampled_from([1, 2, 8]))
-def test_soups_on_a_grid(opened, triangles, seed, leaf_size):
-    corners = np.array(triangles, np.float64).reshape(-1, 3)
-    mesh = centred(Mesh.from_arrays(corners, np.arange(len(corners)).reshape(-1, 3)))
-    points = np.random.default_rng(seed).integers(-3 * GRID, 3 * GRID, (300, 3), endpoint=True) / 2
-    prim_id = check_tree_and_brute_agree(opened, mesh, points, leaf_size=leaf_size)
-    degenerate = mesh.degenerate_faces
-    if degenerate.all():
-        assert (prim_id == -1).all()
-        return
-    assert not degenerate[prim_id].any()
-    with Tracer(build(mesh), device=opened.info) as tracer:
-        distance = tracer.closest_point(points).distance
-    np.testing.assert_allclose(distance, expected_distance(mesh, points), rtol=0, atol=CHOICE * 4 * GRID)
+def make_points(scene):
+    """Points on the grid and between, in and around instances, and a few far away."""
+    generator, transforms = scene.generator, scene.state.transforms
+    chosen = generator.integers(0, len(transforms), POINTS)
+    local = generator.uniform(-GRID, GRID, (POINTS, 3))
+    on_grid = generator.random(POINTS) < 0.5
+    local[on_grid] = np.round(2 * local[on_grid]) / 2
+    local *= generator.choice([1, 10, 1e5], (POINTS, 1), p=[0.8, 0.15, 0.05])
+    return np.einsum("nij,nj->ni", transforms[chosen, :3, :3], local) + transforms[chosen, :3, 3]
+
+
+def ask(tracer, points, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", OpenMeshWarning)
+        return [getattr(tracer, name)(points, **options) for name in ("closest_point", "contains", "signed_distance")]
+
+
+def as_bytes(closest, *others):
+    return [array.tobytes() for array in (*closest, closest.instance_id, closest.geometry_id, *others)]
+
+
+def check(scene, opened, mask):
+    """Compare all layouts with each other and with the oracle; return how many points are inside, and are sure."""
+    points, answers = make_points(scene), {}
+    for layout in (*LAYOUT_WIDTHS, BRUTE):
+        with open_tracer(scene, opened.info, layout) as tracer:
+            answers[layout] = ask(tracer, points, mask=mask)
+    closest, contains, signed = answers[BRUTE]
+    for layout in LAYOUT_WIDTHS:
+        assert as_bytes(*answers[layout]) == as_bytes(closest, contains, signed), layout
+
+    known, state, seen = SceneDistances(scene.state, points), scene.state, (scene.state.masks & np.uint32(mask)) != 0
+    known.check_point(closest, seen)
+    # Of coincident instances the first one is found.
+    for instance in np.unique(closest.instance_id[closest.instance_id >= 0]):
+        is_same = (state.transforms == state.transforms[instance]).all(axis=(1, 2)) & seen
+        assert np.flatnonzero(is_same & (state.geometry_ids == state.geometry_ids[instance]))[0] == instance
+    if not all(shape.is_watertight for shape in state.shapes):
+        return 0, 0
+    return np.count_nonzero(known.is_inside.any(axis=1)), known.check_insides(contains, signed, seen)
+
+
+@examples(short=20, long=1000)
+@given(scene=random_scenes(), mask=st.sampled_from([ALL, ALL, 1, 2, 4]))
+def test_layouts_and_the_oracle_agree(opened, scene, mask):
+    check(scene, opened, mask)
+
+
+@examples(short=15, long=1000)
+@given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(tuple(KINDS)))
+def test_lone_shapes(opened, seed, kind):
+    scene = make_scene(seed, (kind,), ("none",))
+    check(replace(scene, state=make_state(scene.state.shapes, (0, affine()))), opened, ALL)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-30, 1e30])
+@pytest.mark.parametrize("seed", seeds(2))
+def test_most_points_are_decided(opened, seed, scale):
+    """So that the tests above can fail."""
+    inside, sure = check(scale_scene(make_scene(seed, CLOSED, tuple(LINEAR)), scale), opened, ALL)
+    assert sure > 0.5 * POINTS
+    assert 0.1 * POINTS < inside < 0.9 * POINTS

@@ -1,214 +1,342 @@
-"""The nearest point of a surface, and which side of it a point is on."""
+"""The nearest point of a surface, and which side of it a point is on; `tests/property` has all layouts."""
+
+import copy
+import pickle
 
 import numpy as np
 import pytest
 import trimesh
 
-from clbvh import Mesh, Tracer, build
-from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh import Mesh, OpenMeshWarning, QueryError, Scene, SceneError, Spheres, Tracer, make_shape
+from clbvh.support.host_threads import HostThreads
+from clbvh.trace.points import pack
 from clbvh.trace.rays import pieces
+from clbvh.trace.world.tree_box import TreeBox
 
-from ...rays import centred, edge_midpoints
-from ...soup import make_soup
-from .nearest_point import CHOICE, check_tree_and_brute_agree, expected_distance
+from .scene_distances import CHOICE, SceneDistances, points_around
+from .scene_states import affine, random_linear
 
-SHAPES = {"icosphere": 320, "knot": 1200, "terrain": 800, "blobs": 640, "boxes": 600}
-
-
-# Of half the box's size; see docs/tracing.md.
-SLACK_OF_FAR_POINTS = 2.0**-9
+QUERIES = ("closest_point", "contains", "signed_distance")
+BOX = trimesh.creation.box()
+OPEN = BOX.vertices, BOX.faces[1:]
 
 
-def points_around(mesh, count, seed):
-    generator = np.random.default_rng(seed)
-    size = np.ptp(mesh.vertices, axis=0).max()
-    anywhere = mesh.origin + generator.uniform(-1, 1, (count, 3)) * size
-    close = mesh.vertices[generator.integers(0, len(mesh.vertices), count)] + generator.normal(
-        size=(count, 3), scale=size / 200
-    )
-    midpoints = edge_midpoints(mesh)
-    on = np.concatenate((mesh.vertices, midpoints))[generator.integers(0, len(midpoints), count)]
-    return np.concatenate((anywhere, close, on))
+def state_of(source):
+    return (source if isinstance(source, Scene) else Scene(source)).snapshot()
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-def test_distances_are_right(session, shape):
-    mesh = make_shape(shape, triangles=SHAPES[shape])
-    points = points_around(mesh, 700, 90)
-    with Tracer(build(mesh), device=session.info) as tracer:
-        distance, nearest, prim_id = tracer.closest_point(points)
-    expected = expected_distance(mesh, points)
-    reach = np.abs(points - mesh.origin).max() + np.abs(mesh.vertices - mesh.origin).max()
-    assert (distance >= expected - 1e-12 * reach).all()
-    assert (distance <= expected + CHOICE * reach).all()
-    np.testing.assert_allclose(np.linalg.norm(nearest - points, axis=1), distance, rtol=0, atol=1e-13 * reach)
-    # The point is on the face.
-    corners = mesh.vertices[mesh.faces[prim_id]]
-    again = trimesh.triangles.closest_point(corners, nearest)
-    np.testing.assert_allclose(again, nearest, rtol=0, atol=1e-10 * reach)
-    assert (distance.dtype, nearest.dtype, prim_id.dtype) == (np.float64, np.float64, np.int32)
+def place(*rows):
+    """A scene of (shape, transform)."""
+    scene, geometries = Scene(), {}
+    for shape, transform in rows:
+        if id(shape) not in geometries:
+            geometries[id(shape)] = scene.add(shape)
+        scene.place(geometries[id(shape)], transform)
+    return scene
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-def test_a_tree_changes_nothing(session, shape):
-    mesh = centred(make_shape(shape, triangles=SHAPES[shape]))
-    points = points_around(mesh, 3000, 91)
-    check_tree_and_brute_agree(session, mesh, points)
+def ask(tracer, points, **options):
+    """All answers about points, as arrays."""
+    closest = tracer.closest_point(points, **options)
+    rest = [getattr(tracer, query)(points, **options) for query in QUERIES[1:]]
+    return [*closest, closest.instance_id, closest.geometry_id, *rest]
 
 
-def test_ties_go_to_the_smallest_face(session):
-    # Over every vertex and every edge of a flat grid, whose faces come in a random order with random first corners.
-    generator = np.random.default_rng(92)
-    side = np.arange(9)
+def assert_same(answers, expected):
+    for one, other in zip(answers, expected, strict=True):
+        assert one.tobytes() == other.tobytes()
+
+
+@pytest.fixture(scope="module")
+def known(source):
+    """Points around a mesh or a scene, and how they lie to it."""
+    state = state_of(source)
+    return SceneDistances(state, points_around(state, np.random.default_rng(90)))
+
+
+def test_points_and_sides_are_right(open_tracer, source, known):
+    tracer = open_tracer(source)
+    closest = tracer.closest_point(known.points)
+    known.check_point(closest)
+    contains = tracer.contains(known.points)
+    assert known.check_insides(contains, tracer.signed_distance(known.points)) > 0.5 * len(known.points)
+    assert 0.05 < contains.mean() < 0.9
+    assert [array.dtype for array in (*closest, contains)] == [np.float64, np.float64, np.int32, np.bool_]
+    # The points found are on the surface.
+    on = SceneDistances(known.state, closest.point).to_instances[np.arange(len(known.points)), closest.instance_id]
+    assert (on <= 1e-9 * known.reach).all()
+
+
+def test_only_what_is_seen_counts(open_tracer, world):
+    state = world.snapshot()
+    points = points_around(state, np.random.default_rng(91), 16)
+    known, tracer, ids = SceneDistances(state, points), open_tracer(world), np.arange(len(state.masks))
+    masks = np.random.default_rng(92).integers(0, 4, len(points)).astype(np.uint32)
+    of_knot = state.geometry_ids == 0
+    for options, seen in (
+        ({"mask": 1}, (state.masks & 1) != 0),
+        ({"mask": masks}, (masks[:, None] & state.masks) != 0),
+        ({"geometry": world.geometries[0]}, of_knot),
+        ({"geometry": world.geometries[0], "mask": 1}, of_knot & ((state.masks & 1) != 0)),
+        ({"instance": world.instances[1]}, ids == 1),
+        ({"instance": [world.instances[3], 2]}, ids > 1),
+        ({"instance": []}, ids < 0),
+    ):
+        known.check_point(tracer.closest_point(points, **options), seen)
+        known.check_insides(tracer.contains(points, **options), tracer.signed_distance(points, **options), seen)
+
+
+def test_a_lone_mesh_can_be_hidden(tracer):
+    for options, is_hidden in (
+        ({"mask": 0}, [True, True]), ({"instance": []}, [True, True]), ({"mask": [4, 0]}, [False, True]),
+    ):  # fmt: skip
+        distance, _, prim_id, instance_id, _, contains, signed = ask(tracer, [[2.2, 0, 0], [2, 0, 0]], **options)
+        np.testing.assert_array_equal(np.isinf(distance), is_hidden)
+        np.testing.assert_array_equal(prim_id < 0, is_hidden)
+        np.testing.assert_array_equal(instance_id, np.where(is_hidden, -1, 0))
+        assert not contains[is_hidden].any()
+        np.testing.assert_array_equal(np.isneginf(signed), is_hidden)
+
+
+def test_ties_go_to_the_smallest_instance_and_face(session):
+    """Over every vertex and edge of a flat grid, whose faces come in a random order with random first corners."""
+    generator, side = np.random.default_rng(92), np.arange(9)
     vertices = np.stack(np.meshgrid(side, side, [0], indexing="ij"), axis=-1).reshape(-1, 3).astype(np.float64)
     first = (side[:-1, None] * 9 + side[:-1]).reshape(-1)
     faces = np.concatenate(
         (np.stack((first, first + 9, first + 1), 1), np.stack((first + 1, first + 9, first + 10), 1))
     )
-    faces = generator.permutation(faces)
-    faces = np.stack(
-        [np.roll(face, turn) for face, turn in zip(faces, generator.integers(0, 3, len(faces)), strict=True)]
-    )
-    mesh = Mesh.from_arrays(vertices, faces)
-    above_vertices = vertices + np.array([0, 0, 1.7])
-    halves = (vertices[faces] + vertices[np.roll(faces, 1, axis=1)]).reshape(-1, 3) / 2 - np.array([0, 0, 0.3])
-    with Tracer(build(mesh), device=session.info) as tracer:
-        at_vertices = tracer.closest_point(above_vertices).prim_id
-        at_edges = tracer.closest_point(halves).prim_id
-    touching = [np.flatnonzero((faces == vertex).any(axis=1)).min() for vertex in range(len(vertices))]
-    np.testing.assert_array_equal(at_vertices, touching)
+    turns = generator.integers(0, 3, len(faces))
+    faces = np.stack([np.roll(face, turn) for face, turn in zip(generator.permutation(faces), turns, strict=True)])
+    halves = (vertices[faces] + vertices[np.roll(faces, 1, axis=1)]).reshape(-1, 3) / 2
+    at_vertices = [np.flatnonzero((faces == vertex).any(axis=1)).min() for vertex in range(len(vertices))]
     edges = np.sort(np.stack((faces, np.roll(faces, 1, axis=1)), axis=-1).reshape(-1, 2), axis=1)
-    smallest = [np.flatnonzero((edges == edge).all(axis=1)).min() // 3 for edge in edges]
-    np.testing.assert_array_equal(at_edges, smallest)
+    at_edges = [np.flatnonzero((edges == edge).all(axis=1)).min() // 3 for edge in edges]
+
+    mesh = Mesh.from_arrays(vertices, faces)
+    copies = place((mesh, affine(offset=(0, 0, 99))), *[(mesh, affine())] * 9)
+    for source, instance in ((mesh, 0), (copies, 1)):
+        with Tracer(source, device=session.info) as tracer:
+            above, below = (
+                tracer.closest_point(vertices + np.array([0, 0, 1.7])),
+                tracer.closest_point(halves - [0, 0, 0.3]),
+            )
+        np.testing.assert_array_equal(above.prim_id, at_vertices)
+        np.testing.assert_array_equal(below.prim_id, at_edges)
+        assert (above.instance_id == instance).all()
 
 
-@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e8])
-@pytest.mark.parametrize("offset", [0.0, 4.65e6])
-def test_scales_and_survey_coordinates(session, scale, offset):
-    shape = centred(make_shape("knot", triangles=1200))
-    centre = np.full(3, offset * scale)
-    mesh = Mesh.from_arrays(shape.vertices * scale + centre, shape.faces)
-    points = points_around(shape, 400, 93) * scale + centre
-    with Tracer(build(mesh), device=session.info) as tracer:
-        distance = tracer.closest_point(points).distance
-    # The oracle works at scale 1: it has tolerances.
-    expected = scale * expected_distance(shape, (points - centre) / scale)
-    np.testing.assert_allclose(distance, expected, rtol=0, atol=CHOICE * 16 * scale)
+def test_sizes_and_survey_coordinates(session):
+    knot, generator = make_shape("knot", triangles=170), np.random.default_rng(93)
+    balls = Spheres(generator.normal(size=(12, 3)), 10.0 ** generator.uniform(-2, -0.5, 12))
+    scene = place(*((shape, affine(random_linear(generator), generator.normal(size=3))) for shape in (knot, balls) * 2))
+    for source in (knot, scene):
+        state = state_of(source)
+        known = SceneDistances(state, points_around(state, generator))
+        reach = np.abs(known.points).max()
+        for scale, offset in ((1e-6, 0), (1e8, 4.65e6), (1, 4.65e6), (1, 1e12), (1e-30, 0), (1e30, 0)):
+            if source is knot:
+                moved = Mesh.from_arrays((knot.vertices + offset) * scale, knot.faces)
+            else:
+                bases = [np.block([[row[:3, :3] * scale, ((row[:3, 3] + offset) * scale)[:, None]], [0, 0, 0, 1]])
+                         for row in state.transforms]  # fmt: skip
+                moved = place(*zip([knot, balls] * 2, bases, strict=True))
+            with Tracer(moved, device=session.info) as tracer:
+                points = (known.points + offset) * scale
+                distance, inside = tracer.closest_point(points).distance, tracer.contains(points)
+            bound = 2 * CHOICE * reach + 1e-15 * offset
+            nearest = known.to_instances.min(axis=1)
+            np.testing.assert_allclose(distance / scale, nearest, rtol=0, atol=bound, err_msg=f"{scale} {offset}")
+            is_sure = nearest > 1e-5 * reach + 2e-15 * offset
+            np.testing.assert_array_equal(inside[is_sure], known.is_inside.any(axis=1)[is_sure])
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-12])
+def test_small_instances_in_a_large_scene_are_as_exact_as_by_themselves(session, size):
+    """Products of four coordinates of a trillionth would underflow float32."""
+    generator = np.random.default_rng(94)
+    linear = random_linear(generator) * size
+    for shape in (make_shape("knot", triangles=170), Spheres(generator.normal(size=(12, 3)), np.full(12, 0.2))):
+        scene = place((shape, affine(offset=(-5, 0, 0))), (shape, affine(linear)), (shape, affine(offset=(5, 0, 0))))
+        points = generator.normal(size=(300, 3)) * 2 @ linear.T
+        expected = SceneDistances(scene.snapshot(), points).to_instances.min(axis=1)
+        with Tracer(scene, device=session.info) as tracer:
+            error = tracer.closest_point(points).distance - expected
+        assert (np.abs(error) <= 2 * CHOICE * 20 * size).all()
 
 
 @pytest.mark.parametrize("far", [1e3, 1e5, 1e7, 1e15, 1e39, 1e300])
-def test_points_from_far_away(session, far):
-    mesh = make_shape("icosphere", triangles=320)
-    directions = np.random.default_rng(94).normal(size=(500, 3))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    with Tracer(build(mesh), device=session.info) as tracer:
-        found = tracer.closest_point(far * directions)
-    # What is nearest to a far point is what reaches furthest towards it, as far as docs/tracing.md promises.
-    furthest = (mesh.vertices @ directions.T).max(axis=0)
-    slack = SLACK_OF_FAR_POINTS * float(np.abs(mesh.vertices).max())
-    assert ((found.point * directions).sum(axis=1) >= furthest - slack).all()
-    np.testing.assert_allclose(found.distance, far - furthest, rtol=0, atol=slack + far * 1e-15)
+def test_what_is_nearest_to_a_far_point_reaches_furthest_towards_it(open_tracer, source, far):
+    """As far as docs/tracing.md promises: to 2^-9 of half the size."""
+    state = state_of(source)
+    directions = np.random.default_rng(95).normal(size=(100, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    tracer = open_tracer(source)
+    closest = tracer.closest_point(far * directions)
+    assert not tracer.contains(far * directions).any()
+    np.testing.assert_array_equal(tracer.signed_distance(far * directions), -closest.distance)
+    furthest = np.full(len(directions), -np.inf)
+    for geometry, transform in zip(state.geometry_ids, state.transforms, strict=True):
+        shape, linear = state.shapes[geometry], transform[:3, :3]
+        is_ball = isinstance(shape, Spheres)
+        along = ((shape.centres if is_ball else shape.vertices) @ linear.T + transform[:3, 3]) @ directions.T
+        along += shape.radii[:, None] * np.linalg.norm(directions @ linear, axis=1) if is_ball else 0
+        furthest = np.maximum(furthest, along.max(axis=0))
+    slack = 2.0**-9 * furthest.max()
+    assert ((closest.point * directions).sum(axis=1) >= furthest - slack).all()
+    np.testing.assert_allclose(closest.distance, far - furthest, rtol=0, atol=slack + far * 1e-15)
 
 
-class TestInside:
-    def test_a_sphere(self, session):
-        mesh = make_shape("icosphere", triangles=1280)
-        points = np.random.default_rng(95).uniform(-1.3, 1.3, (20_000, 3)) * np.abs(mesh.vertices).max() + mesh.origin
-        radius = np.linalg.norm(points - mesh.origin, axis=1) / np.abs(mesh.vertices).max()
-        with Tracer(build(mesh), device=session.info) as tracer:
-            inside = tracer.contains(points)
-            signed = tracer.signed_distance(points)
-            distance = tracer.closest_point(points).distance
-        sure = (radius < 0.98) | (radius > 1)
-        np.testing.assert_array_equal(inside[sure], radius[sure] < 1)
-        np.testing.assert_array_equal(signed, np.where(inside, distance, -distance))
-        assert 0.1 < inside.mean() < 0.9
-
-    def test_sign_and_value_on_a_cube_at_faces_edges_and_corners(self, session):
-        box = trimesh.creation.box()
-        points = np.stack(np.meshgrid(*[[-0.75, -0.25, 0.25, 0.5625]] * 3), axis=-1).reshape(-1, 3)
-        beyond = np.maximum(np.abs(points) - 0.5, 0)
-        within = (0.5 - np.abs(points)).min(axis=1)
-        expected = np.where((beyond > 0).any(axis=1), -np.linalg.norm(beyond, axis=1), within)
-        for faces in (box.faces, box.faces[:, ::-1]):
-            with Tracer(build(Mesh.from_arrays(box.vertices, faces)), device=session.info) as tracer:
-                np.testing.assert_allclose(tracer.signed_distance(points), expected, atol=1e-14)
-
-    def test_inside_of_a_hollow_is_outside(self, session):
-        outer, inner = trimesh.creation.box(), trimesh.creation.box(extents=[0.2] * 3)
-        mesh = trimesh.util.concatenate([outer, inner])
-        with Tracer(build(Mesh.from_arrays(mesh.vertices, mesh.faces)), device=session.info) as tracer:
-            assert tracer.contains([[0, 0, 0], [0.3, 0.2, 0.1], [2, 0, 0]]).tolist() == [False, True, False]
-
-    @pytest.mark.parametrize("shape", ["icosphere", "knot"])
-    def test_what_is_just_below_a_face_is_inside(self, session, shape):
-        mesh = make_shape(shape, triangles=SHAPES[shape])
-        corners = mesh.vertices[mesh.faces]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        step = 1e-5 * np.ptp(mesh.vertices, axis=0).max() * normals / np.linalg.norm(normals, axis=1)[:, None]
-        with Tracer(build(mesh), device=session.info) as tracer:
-            assert tracer.contains(corners.mean(axis=1) - step).all()
-            assert not tracer.contains(corners.mean(axis=1) + step).any()
+def test_signs_and_distances_of_a_cube_at_faces_edges_and_corners(session):
+    points = np.stack(np.meshgrid(*[[-0.75, -0.25, 0.25, 0.5625]] * 3), axis=-1).reshape(-1, 3)
+    beyond, within = np.maximum(np.abs(points) - 0.5, 0), (0.5 - np.abs(points)).min(axis=1)
+    expected = np.where((beyond > 0).any(axis=1), -np.linalg.norm(beyond, axis=1), within)
+    for faces in (BOX.faces, BOX.faces[:, ::-1]):
+        with Tracer((BOX.vertices, faces), device=session.info) as tracer:
+            np.testing.assert_allclose(tracer.signed_distance(points), expected, atol=1e-14)
 
 
-@pytest.fixture(scope="module")
-def tracer(_opened_device):
-    with Tracer(build(make_shape("knot", triangles=1800)), device=_opened_device.info) as opened:
-        yield opened
+def test_the_inside_of_a_hollow_is_outside_on_the_device_and_on_the_host(session, request):
+    hollow = trimesh.util.concatenate([BOX, trimesh.creation.box(extents=[0.2] * 3)])
+    with Tracer(hollow, device=session.info) as tracer:
+        points, expected = [[0, 0, 0], [0.3, 0.2, 0.1], [2, 0, 0]], [False, True, False]
+        assert tracer.contains(points).tolist() == expected
+        request.getfixturevalue("host_casts_few")
+        assert tracer.contains(points).tolist() == expected
 
 
-@pytest.fixture(scope="module")
-def points():
-    return np.random.default_rng(96).uniform(-4, 4, (3000, 3))
+def test_what_is_just_below_a_face_is_inside(tracer, mesh):
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    step = 1e-5 * np.ptp(mesh.vertices, axis=0).max() * normals / np.linalg.norm(normals, axis=1)[:, None]
+    assert tracer.contains(corners.mean(axis=1) - step).all()
+    assert not tracer.contains(corners.mean(axis=1) + step).any()
 
 
-class TestBatches:
-    @pytest.mark.parametrize("count", [0, 1, 63, 64, 65, 1023, 1024, 1025])
-    def test_any_number_of_points(self, tracer, points, count):
-        whole = tracer.closest_point(points)
-        for part, expected in zip(tracer.closest_point(points[:count]), whole, strict=True):
-            assert part.tobytes() == expected[:count].tobytes()
-        np.testing.assert_array_equal(tracer.contains(points[:count]), tracer.contains(points)[:count])
-        assert tracer.signed_distance(points[:count]).shape == (count,)
-
-    def test_chunks_strides_and_progress(self, tracer, points, monkeypatch):
-        whole = [*tracer.closest_point(points), tracer.contains(points)]
-        monkeypatch.setattr(pieces, "CHUNK_RAYS", 1000)
-        wide = np.asfortranarray(np.concatenate((points, points), axis=1))
-        for batch in (points, wide[:, 3:], points.tolist()):
-            told = []
-            progress = lambda done, total, told=told: told.append((done, total))  # noqa: E731
-            parts = [*tracer.closest_point(batch, progress=progress), tracer.contains(batch, progress=progress)]
-            for part, expected in zip(parts, whole, strict=True):
-                assert part.tobytes() == expected.tobytes()
-            assert told == [(1000, 3000), (2000, 3000), (3000, 3000)] * 2
-
-    def test_float32_is_taken_as_it_is(self, tracer, points):
-        single = points.astype(np.float32)
-        for obtained, expected in zip(
-            tracer.closest_point(single), tracer.closest_point(single.astype(np.float64)), strict=True
-        ):
-            assert obtained.tobytes() == expected.tobytes()
-
-    @pytest.mark.parametrize("query", ["closest_point", "contains", "signed_distance"])
-    def test_bad_points_are_named(self, tracer, query):
-        points = np.zeros((9, 3))
-        points[[7, 4], 1] = np.nan
-        with pytest.raises(ValueError, match=r"^points\[4\] is not finite: "):
-            getattr(tracer, query)(points)
-        with pytest.raises(
-            ValueError, match=r"^points must have shape \(3,\), \(n, 3\) or \(\.\.\., 3\), not \(4, 2\)$"
-        ):
-            getattr(tracer, query)(np.zeros((4, 2)))
-
-    def test_a_closed_tracer_says_so(self, session):
-        opened = Tracer(build(make_shape("icosphere", triangles=80)), device=session.info)
-        opened.close()
-        for query in ("closest_point", "contains", "signed_distance"):
-            with pytest.raises(ValueError, match="the tracer is closed"):
-                getattr(opened, query)([[0, 0, 0]])
+def test_batches_chunks_shapes_and_progress_change_no_answer(open_tracer, source, monkeypatch):
+    tracer, points = open_tracer(source), np.random.default_rng(96).uniform(-1, 1, (480, 3)).astype(np.float32)
+    masks = np.random.default_rng(97).integers(0, 4, len(points))
+    whole, hidden = ask(tracer, points), ask(tracer, points, mask=masks)
+    for count in (0, 1, 63, 64, 65):
+        assert_same(ask(tracer, points[:count]), [array[:count] for array in whole])
+    monkeypatch.setattr(pieces, "CHUNK_RAYS", 250)
+    wide = np.asfortranarray(np.concatenate((points, points), axis=1, dtype=np.float64))
+    for batch in (wide[:, 3:], points.tolist(), points.reshape(16, 30, 3)):
+        told = []
+        tracer.contains(batch, progress=lambda done, total, told=told: told.append((done, total)))
+        assert told == [(250, 480), (480, 480)]
+        assert_same(ask(tracer, batch), whole)
+    grid = ask(tracer, points.reshape(16, 30, 3), mask=masks.reshape(16, 30))
+    assert grid[-1].shape == (16, 30)
+    assert_same(grid, hidden)
+    rows = ask(tracer, points.reshape(16, 30, 3), mask=np.arange(16)[:, None])
+    assert_same([array[7] for array in rows], ask(tracer, points[210:240], mask=7))
 
 
-def test_soups_large_and_small(session):
-    mesh = centred(make_soup(400, np.random.default_rng(97)))
-    check_tree_and_brute_agree(session, mesh, points_around(mesh, 2000, 98))
+def test_what_is_refused(session, world):
+    tracer = Tracer(world, device=session.info)
+    refused = (
+        ([[0, 0, 0], [0, np.nan, 0]], {}, QueryError, "points[1] is not finite: "),
+        (np.zeros((4, 2)), {}, QueryError, "points must have shape (3,), (n, 3) or (..., 3), not (4, 2)"),
+        ([[0, 0, 0]], {"mask": 0.5}, QueryError, "mask must be integers"),
+        ([[0, 0, 0]], {"mask": [1, 2]}, QueryError, "shape that broadcasts to that of the points"),
+        ([[0, 0, 0]], {"geometry": Scene().add(BOX)}, SceneError, "belongs to another scene"),
+        ([[0, 0, 0]], {"instance": 99}, SceneError, "there is no instance 99"),
+        (None, {}, QueryError, "the tracer is closed"),
+    )
+    for points, options, error, words in refused:
+        if points is None:
+            tracer.close()
+        for query in QUERIES:
+            with pytest.raises(error) as caught:
+                getattr(tracer, query)([[0, 0, 0]] if points is None else points, **options)
+            assert words in str(caught.value), (query, options)
+
+
+def test_one_mesh_in_its_own_place_answers_as_the_mesh(session, mesh, tracer):
+    scene = Scene(mesh)
+    points = np.random.default_rng(98).normal(size=(300, 3))
+    with Tracer(scene, device=session.info) as placed:
+        for options in ({}, {"instance": 0}, {"geometry": scene.geometries[0]}, {"mask": 4}):
+            assert_same(ask(placed, points, **options), ask(tracer, points))
+
+
+def test_points_follow_moving_instances(session):
+    scene = place(*((ball, affine(offset=(x, 0, 0))) for ball in [Spheres([[0, 0, 0]], 1)] for x in (0, 5)))
+    with Tracer(scene, device=session.info) as tracer:
+        assert tracer.closest_point([2, 0, 0]).instance_id == 0
+        tracer.set_transforms(list(scene.instances), [affine(offset=(0, 9, 0)), affine((1, 2, 3))])
+        assert tracer.closest_point([2, 0, 0]).instance_id == 1
+        np.testing.assert_allclose(tracer.signed_distance([[0, 0, 3.5], [0, 4, 0], [0, 0, 0]]), [-0.5, -2, 1])
+        assert tracer.contains([[0, 0, 2.5]], instance=0).tolist() == [False]
+
+
+def test_degenerate_triangles_have_no_closest_point(session):
+    flat = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
+    for source in (flat, place(*((flat, affine(offset=(x, 1, 0))) for x in range(3)))):
+        with Tracer(source, device=session.info) as tracer:
+            closest = tracer.closest_point([[0, 0, 0]])
+        assert (closest.distance[0], closest.prim_id[0], closest.instance_id[0]) == (np.inf, -1, -1)
+
+
+@pytest.mark.parametrize("query", QUERIES[1:])
+def test_an_open_mesh_is_told_once_and_answers_all_the_same(session, query):
+    points = [[5.0, 0, 0]]
+    scene = place((Mesh.from_arrays(*OPEN), affine((2, 2, 2))), (Spheres([[0, 0, 0]], 1), affine()))
+    for source, is_scene in ((OPEN, False), (scene, True)):
+        with Tracer(source, device=session.info) as tracer:
+            # Warnings are errors here: other queries, and those about closed shapes, tell nothing.
+            tracer.closest_point(points)
+            if is_scene:
+                tracer.contains(points, geometry=scene.geometries[1])
+            with pytest.warns(OpenMeshWarning, match=f"^mesh is not closed.*{query}") as caught:
+                answer = getattr(tracer, query)(points)
+            assert caught[0].filename == __file__
+            assert answer[0] <= 0
+            ask(tracer, points)
+
+
+def test_results_are_tuples_of_three_with_ids_that_can_be_copied(tracer):
+    closest = tracer.closest_point([[0, 0, 0], [1, 2, 3]])
+    distance, point, prim_id = closest
+    assert distance is closest.distance
+    assert (point.shape, prim_id.shape) == ((2, 3), (2,))
+    for again in (copy.copy(closest), pickle.loads(pickle.dumps(closest))):
+        assert type(again) is type(closest)
+        assert_same(
+            [*again, again.instance_id, again.geometry_id], [*closest, closest.instance_id, closest.geometry_id]
+        )
+
+
+class TestOrder:
+    """Many points are asked in an order in which neighbours are close."""
+
+    def order_of(self, points, half=(1.0, 1.0, 1.0), threads=None):
+        with HostThreads(threads) as opened:
+            return pack.find_point_order(points, TreeBox(np.zeros(3), 1.0, np.array(half)), opened)
+
+    def test_neighbours_are_close_whatever_the_threads(self):
+        points = np.random.default_rng(1).uniform(-1, 1, (40_000, 3)).astype(np.float32)
+        order = self.order_of(points)
+        steps = [np.linalg.norm(np.diff(some, axis=0), axis=1).mean() for some in (points[order], points)]
+        # About 40,000 ** (1 / 3) = 34 points lie along each axis.
+        assert steps[0] < steps[1] / 15
+        assert order.tobytes() == self.order_of(points, threads=3).tobytes()
+
+    @pytest.mark.parametrize("half", [(1, 1, 1), (1, 0, 1), (0, 0, 0), (1e-30, 1e30, 1)], ids=str)
+    def test_each_point_comes_once_wherever_it_is(self, half):
+        generator = np.random.default_rng(2)
+        points = generator.normal(size=(40_000, 3)) * 10.0 ** generator.uniform(-40, 40, (40_000, 1))
+        points[::7], points[1::7, 1], points[2::7, 2] = 0.0, np.nan, np.inf
+        np.testing.assert_array_equal(np.sort(self.order_of(points, half)), np.arange(len(points)))
+
+    def test_no_answer_depends_on_it_and_the_first_bad_point_is_named(self, tracer, monkeypatch):
+        points = np.random.default_rng(4).uniform(-1, 1, (1000, 3))
+        with monkeypatch.context() as patch:
+            patch.setattr(pack, "LEAST_POINTS", len(points) + 1)
+            expected = ask(tracer, points)
+        monkeypatch.setattr(pack, "LEAST_POINTS", 1)
+        assert_same(ask(tracer, points), expected)
+        points[700, 2], points[800, 0] = np.nan, np.inf
+        with pytest.raises(QueryError, match=r"points\[700\] is not finite"):
+            tracer.closest_point(points)

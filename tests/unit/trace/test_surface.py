@@ -1,218 +1,262 @@
-"""The surface that was hit: a mesh, or the instances of a scene."""
+"""What hits know of the surface: where they are, its normals as an array and as a function, ids; and its arrays."""
 
 import copy
 import pickle
 
 import numpy as np
 import pytest
+import trimesh
 
-import clbvh
-from clbvh.errors import ConfigError
+from clbvh import ConfigError, Mesh, SceneError, Spheres, Tracer, make_shape
+from clbvh.structs import PRIM_KINDS
 from clbvh.trace.hits.hits import Hits
 from clbvh.trace.hits.surface import Surface
+from clbvh.trace.world.surface_arrays import make_surface_arrays, move_instances
 
-KNOT = clbvh.make_shape("knot", triangles=2000)
-BALLS = clbvh.Spheres(np.random.default_rng(7).normal(size=(40, 3)), np.linspace(0.01, 1, 40))
+from .scene_states import affine, random_linear
+
+TRIANGLE = Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 2, 0]], [[0, 1, 2]])
+SQUARE = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+BALLS = Spheres([[1, 2, 3], [5, 2, 3]], [0.5, 1])
 
 
 def place(shapes, geometry_id, transforms):
     names = [shape.name for shape in shapes]
-    return Surface.from_shapes(shapes, names, np.asarray(geometry_id), np.asarray(transforms))
+    return Surface.from_shapes(shapes, names, np.asarray(geometry_id, np.int32), np.reshape(transforms, (-1, 4, 4)))
 
 
-def random_transforms(count, generator):
-    transforms = np.tile(np.eye(4), (count, 1, 1))
-    transforms[:, :3] = generator.normal(size=(count, 3, 4))
-    return transforms
+def hits_on(surface, count=300):
+    """Hits at random points of one instance."""
+    generator, geometry = np.random.default_rng(4), surface.arrays.geometry_id[0]
+    u, v = generator.uniform(0, 0.5, (2, count))
+    prim_id = generator.integers(0, surface.shapes[geometry].prim_count, count).astype(np.int32)
+    is_front = generator.random(count) < 0.5
+    return Hits(u, u, v, prim_id, is_front=is_front, surface=surface, known_instance_id=0 * prim_id)
 
 
-def random_hits(surface, count, generator):
-    """Hits on random primitives of random instances; some are misses."""
-    geometry_id = surface.arrays.geometry_id
-    instance_id = generator.integers(0, len(geometry_id), count).astype(np.int32)
-    prim_counts = np.array([shape.prim_count for shape in surface.shapes])[geometry_id[instance_id]]
-    prim_id = (generator.random(count) * prim_counts).astype(np.int32)
-    is_hit = generator.random(count) < 0.9
-    u, v = generator.uniform(0, 0.5, (2, count)) * is_hit
-    return Hits(
-        np.where(is_hit, 1.0, np.inf), u, v, np.where(is_hit, prim_id, -1).astype(np.int32),
-        is_front=is_hit & (generator.random(count) < 0.5),
-        surface=surface, known_instance_id=np.where(is_hit, instance_id, -1).astype(np.int32),
-    )  # fmt: skip
+@pytest.fixture(scope="module")
+def hits(open_tracer, source, rays):
+    return open_tracer(source).closest_hit(*rays)
 
 
-def corners_of(hits, hit):
-    """(3, 3) float64: the corners of a triangle that was hit, in its object's coordinates."""
-    mesh = hits.surface.shapes[hits.geometry_id[hit]]
-    return mesh.vertices[mesh.faces[hits.prim_id[hit]]]
+@pytest.fixture(scope="module")
+def normals(open_tracer, mesh, rays):
+    return open_tracer(mesh).closest_hit(*rays).normals
 
 
-def ball_normal(hits, hit):
-    azimuth, polar = 2 * np.pi * hits.u[hit], np.pi * hits.v[hit]
-    return np.array([np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)])
+class TestHits:
+    def test_locations_and_normals_are_those_of_the_formulas(self, hits):
+        arrays, is_hit = hits.surface.arrays, np.flatnonzero(hits.is_hit)
+        assert len(is_hit) > 500
+        assert np.isnan(hits.locations[~hits.is_hit]).all()
+        assert np.isnan(hits.normals[~hits.is_hit]).all()
+        for index in is_hit[:1000]:
+            prim, u, v = hits.prim_id[index], hits.u[index], hits.v[index]
+            shape, instance = hits.surface.shapes[hits.geometry_id[index]], hits.instance_id[index]
+            if isinstance(shape, Spheres):
+                azimuth, polar = 2 * np.pi * u, np.pi * v
+                normal = [np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)]
+                point = shape.centres[prim] + shape.radii[prim] * np.array(normal)
+            else:
+                a, b, c = shape.vertices[shape.faces[prim]]
+                point, normal = (1 - u - v) * a + u * b + v * c, np.cross(b - a, c - a)
+            linear, offset = arrays.linear[instance], arrays.offset[instance]
+            normal = np.linalg.inv(linear).T @ normal
+            np.testing.assert_allclose(hits.locations[index], linear @ point + offset, atol=1e-13)
+            np.testing.assert_allclose(hits.normals[index], normal / np.linalg.norm(normal), atol=1e-11)
+
+    def test_facing_normals_point_against_the_rays_and_smooth_ones_keep_to_the_side_of_the_face(self, hits, rays):
+        is_hit = hits.is_hit
+        assert ((hits.normals(facing=True) * rays[1]).sum(axis=1)[is_hit] <= 0).all()
+        smooth = hits.normals(smooth=True)
+        for found in (smooth, hits.normals(smooth=True, facing=True)):
+            np.testing.assert_array_equal(np.isnan(found).any(axis=1), ~is_hit)
+            np.testing.assert_allclose((found[is_hit] ** 2).sum(axis=1), 1, atol=1e-14)
+        cosines = (smooth * hits.normals).sum(axis=1)[is_hit]
+        assert (cosines > 0).all()
+        assert (cosines < 0.99).any()
+
+    def test_ids_of_hits_and_of_their_parts(self, hits, source):
+        assert (hits.mesh is source) == isinstance(source, Mesh)
+        ids = [hits.prim_id, hits.instance_id, hits.geometry_id]
+        for array in ids:
+            assert array.dtype == np.int32
+            np.testing.assert_array_equal(array >= 0, hits.is_hit)
+        for part, index in ((hits[5:9], slice(5, 9)), (hits.take(np.array([3, 1])), [3, 1]), (hits[7], 7)):
+            for array, name in zip(ids, ("prim_id", "instance_id", "geometry_id"), strict=True):
+                np.testing.assert_array_equal(getattr(part, name), array[index])
+        assert hits[7].geometry_id.shape == ()
+
+    def test_a_copy_or_a_pickle_knows_what_they_know(self, hits):
+        for other in (copy.copy(hits), copy.deepcopy(hits), pickle.loads(pickle.dumps(hits))):
+            assert (other.mesh is None) == (hits.mesh is None)
+            assert other.geometry_id.tobytes() == hits.geometry_id.tobytes()
+            assert other.offset_origins().tobytes() == hits.offset_origins().tobytes()
+
+    def test_misses_of_an_empty_scene_and_hits_that_know_no_surface(self):
+        misses = np.full(2, -1, np.int32)
+        hits = Hits(np.full(2, np.inf), *np.zeros((2, 2)), misses, surface=place([], [], []), known_instance_id=misses)
+        assert hits.geometry_id.tolist() == [-1, -1]
+        assert np.isnan(hits.locations).all()
+        assert np.isnan(hits.normals).all()
+        hits = Hits(*np.zeros((3, 1)), np.zeros(1, np.int32))
+        assert hits.instance_id.tolist() == [0]
+        with pytest.raises(ConfigError, match="do not know their mesh"):
+            _ = hits.normals
 
 
-def expected_point(hits, hit):
-    transform = hits.surface.arrays.linear[hits.instance_id[hit]], hits.surface.arrays.offset
-    shape = hits.surface.shapes[hits.geometry_id[hit]]
-    if isinstance(shape, clbvh.Spheres):
-        prim = hits.prim_id[hit]
-        point = shape.centres[prim] + shape.radii[prim] * ball_normal(hits, hit)
-        normal = ball_normal(hits, hit)
-    else:
-        a, b, c = corners_of(hits, hit)
-        point = (1 - hits.u[hit] - hits.v[hit]) * a + hits.u[hit] * b + hits.v[hit] * c
-        normal = np.cross(b - a, c - a)
-    normal = np.linalg.inv(transform[0]).T @ normal
-    return transform[0] @ point + transform[1][hits.instance_id[hit]], normal / np.linalg.norm(normal)
+class TestNormals:
+    def test_they_behave_as_a_plain_array(self, normals):
+        plain = np.asarray(normals)
+        assert type(plain) is np.ndarray
+        assert repr(normals) == repr(plain)
+        assert str(normals) == str(plain)
+        for result in (
+            normals * 2, 2 * normals, -normals, normals > 0, normals @ np.eye(3), normals.sum(axis=1), normals[0],
+            normals[plain > 0], np.where(plain > 0, normals, 0), np.concatenate([normals, normals]),
+            np.einsum("ij,ij->i", normals, normals), np.stack(arrays=(normals, normals)), np.array(normals),
+            pickle.loads(pickle.dumps(normals)), np.add.reduce(normals), copy.deepcopy(normals), normals(),
+        ):  # fmt: skip
+            assert type(result) is np.ndarray
+        assert normals().tobytes() == pickle.loads(pickle.dumps(normals)).tobytes() == plain.tobytes()
 
+    def test_changes_in_place_reach_the_memory(self, normals):
+        changed = copy.copy(normals).view(type(normals))
+        expected = -np.asarray(normals)
+        np.negative(changed, out=changed)
+        np.testing.assert_array_equal(changed, expected)
+        changed *= 2
+        assert type(changed) is np.ndarray
+        np.testing.assert_array_equal(changed, 2 * expected)
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_locations_and_normals_are_those_of_the_formulas(seed):
-    generator = np.random.default_rng(seed)
-    surface = place([KNOT, BALLS, KNOT], [2, 1, 0, 1], random_transforms(4, generator))
-    hits = random_hits(surface, 300, generator)
-    locations, normals = hits.locations, hits.normals
-    assert np.isnan(locations[~hits.is_hit]).all()
-    assert np.isnan(normals[~hits.is_hit]).all()
-    for hit in np.flatnonzero(hits.is_hit):
-        location, normal = expected_point(hits, hit)
-        np.testing.assert_allclose(locations[hit], location, atol=1e-13)
-        np.testing.assert_allclose(normals[hit], normal, atol=1e-11)
+    def test_what_is_refused(self, normals):
+        with pytest.raises(TypeError, match="only the normals of hits can be called"):
+            normals.reshape(-1)()
+        with pytest.raises(TypeError):
+            normals(True)
+        of_unknown_side = Hits(*np.full((3, 1), 0.25), np.zeros(1, np.int32), SQUARE)
+        with pytest.raises(ConfigError, match="from which side"):
+            of_unknown_side.normals(facing=True)
 
+    def test_queries_take_them(self, session):
+        with Tracer(trimesh.creation.box(), device=session.info) as tracer:
+            hits = tracer.closest_hit([[0.1, 0.2, 5]], [[0, 0, -1]])
+            assert not tracer.any_hit(hits.offset_origins(), hits.normals).any()
+            assert tracer.any_hit(hits.normals * 5, -hits.normals).all()
+            assert hits.offset_origins(towards=hits.normals)[0, 2] > 0.5
 
-def test_ids_of_hits_in_a_scene():
-    surface = place([KNOT, BALLS], [1, 0, 1], random_transforms(3, np.random.default_rng(0)))
-    nothing = np.zeros(4)
-    hits = Hits(
-        nothing, nothing, nothing, np.array([5, 6, -1, 7], np.int32),
-        surface=surface, known_instance_id=np.array([0, 1, -1, 2], np.int32),
-    )  # fmt: skip
-    assert hits.mesh is None
-    assert hits.geometry_id.tolist() == [1, 0, -1, 1]
-    assert hits.instance_id.tolist() == [0, 1, -1, 2]
-    assert hits.geometry_id.dtype == hits.instance_id.dtype == np.int32
-    assert hits[1:].instance_id.tolist() == [1, -1, 2]
-    assert hits.take(np.array([3, 1])).geometry_id.tolist() == [1, 0]
-    assert [int(hit.geometry_id) for hit in hits] == [1, 0, -1, 1]
-    assert hits[3].geometry_id.shape == ()
+    @pytest.mark.parametrize("shape", [(), (0,), (2, 3)])
+    def test_they_have_the_shape_of_the_hits(self, shape):
+        hits = Hits(*np.full((3, *shape), 0.25), np.zeros(shape, np.int32), SQUARE, is_front=np.ones(shape, bool))
+        assert hits.normals.shape == hits.normals(smooth=True, facing=True).shape == (*shape, 3)
 
+    def test_smooth_ones_are_the_vertex_normals_at_vertices(self, mesh):
+        faces, nothing = np.arange(mesh.face_count, dtype=np.int32), np.zeros(mesh.face_count)
+        for corner, (u, v) in enumerate(((0, 0), (1, 0), (0, 1))):
+            smooth = Hits(nothing, nothing + u, nothing + v, faces, mesh).normals(smooth=True)
+            np.testing.assert_allclose(smooth, mesh.vertex_normals[mesh.faces[:, corner]], rtol=0, atol=1e-15)
 
-def test_ids_of_hits_of_a_mesh_are_zero_for_hits():
-    prim_id = np.array([[5, -1], [0, 1999]], np.int32)
-    hits = Hits(*np.zeros((3, 2, 2)), prim_id, KNOT)
-    for ids in (hits.geometry_id, hits.instance_id):
-        assert ids.tolist() == [[0, -1], [0, 0]]
-        assert ids.dtype == np.int32
-    assert hits[0, 1].instance_id.shape == ()
-    assert int(hits[0, 1].instance_id) == -1
+    @pytest.mark.parametrize("unit", [1e-30, 1.0, 1e30])
+    def test_smooth_ones_of_an_ellipsoid_are_those_of_the_formula(self, unit):
+        axes = np.array([1, 2, 0.25])
+        hits = hits_on(place([make_shape("icosphere", triangles=1280)], [0], affine(axes * unit)))
+        exact = hits.locations / unit / axes**2
+        exact /= np.linalg.norm(exact, axis=1, keepdims=True)
+        assert np.abs(hits.normals(smooth=True) - exact).max() < 0.02
+        assert np.abs(hits.normals - exact).max() > 0.1
 
+    def test_a_face_and_its_back_have_the_normals_of_the_faces(self):
+        both = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 1]])
+        hits = Hits(*np.full((3, 2), 0.25), np.array([0, 1], np.int32), both)
+        np.testing.assert_array_equal(hits.normals(smooth=True), [[0, 0, 1], [0, 0, -1]])
 
-def test_an_empty_scene_has_misses_only():
-    surface = place([], np.empty(0, int), np.empty((0, 4, 4)))
-    misses = np.full(2, -1, np.int32)
-    hits = Hits(np.full(2, np.inf), *np.zeros((2, 2)), misses, surface=surface, known_instance_id=misses)
-    assert hits.geometry_id.tolist() == [-1, -1]
-    assert np.isnan(hits.locations).all()
-    assert np.isnan(hits.normals).all()
-    assert surface.reach == 0
+    def test_collinear_corners_have_a_normal_across_them(self):
+        """Float32 may see a triangle there, which is hit, and then has to be left."""
+        way = np.array([0.3, 0.5, 0.7])
+        line = Mesh.from_arrays([0 * way, way, 0.5 * way, [1, 1, 1]], [[0, 1, 2], [0, 0, 0]])
+        hits = Hits(np.ones(2), np.zeros(2), np.zeros(2), np.array([0, 1], np.int32), line)
+        assert np.linalg.norm(hits.normals[0]) == pytest.approx(1)
+        assert abs(hits.normals[0] @ way) < 1e-15
+        assert np.isnan(hits.normals[1]).all()
 
-
-def test_the_identity_gives_the_bytes_of_the_mesh():
-    surface = place([BALLS, KNOT], [1], [np.eye(4)])
-    placed = random_hits(surface, 500, np.random.default_rng(3))
-    plain = Hits(placed.t, placed.u, placed.v, placed.prim_id, KNOT, is_front=placed.is_front)
-    assert placed.locations.tobytes() == plain.locations.tobytes()
-    np.testing.assert_allclose(placed.normals, plain.normals, rtol=0, atol=3e-16)
-
-
-@pytest.mark.parametrize("unit", [1e-30, 1e30])
-@pytest.mark.parametrize("stretch", [1e-30, 1e-6, 1.0, 1e30])
-def test_normals_of_extreme_scales_are_perpendicular_and_of_length_one(unit, stretch):
-    generator = np.random.default_rng(5)
-    transforms = random_transforms(1, generator)
-    transforms[0, :3, :3] = np.linalg.qr(transforms[0, :3, :3])[0] * np.array([1, stretch, 1]) * unit
-    surface = place([KNOT, BALLS], [0], transforms)
-    hits = random_hits(surface, 200, generator)
-    normals = hits.normals[hits.is_hit]
-    np.testing.assert_allclose((normals**2).sum(axis=1), 1, atol=1e-14)
-    for hit, normal in zip(np.flatnonzero(hits.is_hit), normals, strict=True):
-        a, b, c = corners_of(hits, hit)
-        edges = np.stack((b - a, c - a)) @ surface.arrays.linear[0].T
-        heights = np.abs(edges @ normal) / np.abs(edges).max(axis=1)
+    @pytest.mark.parametrize("unit", [1e-30, 1e30])
+    @pytest.mark.parametrize("stretch", [1e-30, 1e-6, 1.0, 1e30])
+    def test_at_extreme_scales_they_are_perpendicular_and_of_length_one(self, mesh, unit, stretch):
+        turn = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
+        hits = hits_on(place([mesh], [0], affine(turn * np.array([1, stretch, 1]) * unit)))
+        np.testing.assert_allclose((hits.normals**2).sum(axis=1), 1, atol=1e-14)
+        corners = mesh.vertices[mesh.faces[hits.prim_id]]
+        edges = (corners[:, 1:] - corners[:, :1]) @ hits.surface.arrays.linear[0].T
+        heights = np.abs((edges * hits.normals[:, None]).sum(axis=2)) / np.abs(edges).max(axis=2)
         assert heights.max() < 1e-10
 
 
-def test_normals_of_a_mirrored_object_stay_on_its_outer_side():
-    sphere = clbvh.make_shape("icosphere", triangles=320)
-    surface = place([sphere, BALLS], [0, 1], [np.diag([-1, 1, 1, 1])] * 2)
-    assert surface.arrays.is_mirrored.all()
-    faces = np.arange(sphere.face_count, dtype=np.int32)
-    third = np.full(len(faces), 1 / 3)
-    hits = Hits(third, third, third, faces, surface=surface, known_instance_id=0 * faces)
-    assert ((hits.normals * hits.locations).sum(axis=1) > 0.9).all()
-    balls = Hits(
-        *np.full((3, 40), 0.125), np.arange(40, dtype=np.int32),
-        surface=surface, known_instance_id=np.ones(40, np.int32),
-    )  # fmt: skip
-    outwards = (balls.locations - BALLS.centres * [-1, 1, 1]) / BALLS.radii[:, None]
-    np.testing.assert_allclose(balls.normals, outwards, atol=1e-13)
+class TestPlacedHits:
+    def test_the_identity_changes_no_bit_of_a_location(self, mesh):
+        for shape in (mesh, BALLS):
+            hits = hits_on(place([BALLS, shape], [1], np.eye(4)))
+            lone = Surface.from_shapes([shape], ["shape"], np.zeros(1, np.int32), None)
+            alone = Hits(hits.t, hits.u, hits.v, hits.prim_id, is_front=hits.is_front, surface=lone)
+            assert alone.locations.tobytes() == hits.locations.tobytes()
+            np.testing.assert_allclose(alone.normals, hits.normals, rtol=0, atol=1e-15)
+            # No map between the ray and the shape rounds anything.
+            leaps = [np.linalg.norm(each.offset_origins() - each.locations, axis=1) for each in (alone, hits)]
+            assert (leaps[0] < leaps[1] * (1 + 1e-9)).all()
+            assert (leaps[0] > leaps[1] / 4).all()
+
+    def test_a_far_instance_has_full_float64_locations(self, mesh):
+        offset = np.array([1e7, -1e7, 1e7])
+        hits = hits_on(place([mesh], [0], affine(offset=offset)))
+        plain = Hits(hits.t, hits.u, hits.v, hits.prim_id, mesh)
+        np.testing.assert_array_equal(hits.locations, plain.locations + offset)
 
 
-def test_a_far_instance_has_full_float64_locations():
-    transform = np.eye(4)
-    transform[:3, 3] = [1e7, -1e7, 1e7]
-    surface = place([KNOT], [0], [transform])
-    hits = random_hits(surface, 200, np.random.default_rng(2))
-    plain = Hits(hits.t, hits.u, hits.v, hits.prim_id, KNOT)
-    np.testing.assert_array_equal(hits.locations, plain.locations + transform[:3, 3])
+class TestArrays:
+    def test_rows_of_each_geometry(self):
+        arrays = make_surface_arrays([TRIANGLE, BALLS, SQUARE, BALLS], np.array([2, 0]), np.stack([np.eye(4)] * 2))
+        assert arrays.kind.tolist() == [PRIM_KINDS[kind] for kind in ("triangles", "spheres", "triangles", "spheres")]
+        assert arrays.first_vertex.tolist() == [0, 0, 3, 0]
+        assert arrays.first_face.tolist() == [0, 0, 1, 0]
+        assert arrays.first_sphere.tolist() == [0, 0, 0, 2]
+        np.testing.assert_array_equal(arrays.vertices[3:], SQUARE.vertices)
+        np.testing.assert_array_equal(arrays.faces[1:], SQUARE.faces)
+        np.testing.assert_array_equal(arrays.spheres[2:], [[1, 2, 3, 0.5], [5, 2, 3, 1]])
+        np.testing.assert_array_equal(arrays.half_size, [[2, 1, 0], [2.75, 1, 1], [0.5, 0.5, 0], [2.75, 1, 1]])
 
+    def test_one_mesh_is_not_copied_and_moved_instances_share_it(self):
+        arrays = make_surface_arrays([BALLS, SQUARE], np.array([1]), np.eye(4)[None])
+        moved = move_instances(arrays, 2 * np.eye(4)[None])
+        assert moved.vertices is arrays.vertices is SQUARE.vertices
+        assert moved.faces is arrays.faces is SQUARE.faces
+        assert (moved.linear[0, 0, 0], arrays.linear[0, 0, 0]) == (2, 1)
 
-@pytest.mark.parametrize("kind", ["knot", "balls"])
-def test_start_points_are_just_above_the_surface_on_the_side_of_the_ray(kind):
-    generator = np.random.default_rng(4)
-    shape = KNOT if kind == "knot" else BALLS
-    surface = place([shape], [0, 0], random_transforms(2, generator))
-    hits = random_hits(surface, 300, generator)
-    heights = ((hits.offset_origins() - hits.locations) * hits.normals).sum(axis=1)
-    assert np.isnan(heights[~hits.is_hit]).all()
-    heights = heights[hits.is_hit]
-    np.testing.assert_array_equal(heights > 0, hits.is_front[hits.is_hit])
-    assert (np.abs(heights) > 0).all()
-    assert np.abs(heights).max() < 1e-3
-    towards = hits.normals * generator.choice([-1, 1], len(hits.t))[:, None]
-    leaving = hits.offset_origins(towards=np.nan_to_num(towards)) - hits.locations
-    assert ((leaving * towards).sum(axis=1)[hits.is_hit] > 0).all()
+    def test_products_of_matrices_and_their_inverses_are_the_identity(self):
+        """To a few roundings of the products that are added up, whatever the shear, mirror and unit."""
+        generator = np.random.default_rng(0)
+        linear = np.array([random_linear(generator) for _ in range(600)])
+        linear[:200] = linear[:200] @ [[1, 1e6, 0], [0, 1, 0], [0, 0, 1]]
+        linear[200:] *= 10 ** generator.uniform(-30, 30, (400, 1, 1))
+        linear[400:] = np.linalg.qr(linear[400:])[0] * 10 ** generator.uniform(-30, 30, (200, 1, 3))
+        transforms = np.array([affine(matrix) for matrix in linear])
+        arrays = make_surface_arrays([SQUARE], np.zeros(600, np.int32), transforms)
+        residual = np.abs(arrays.linear @ arrays.inverse - np.eye(3))
+        assert (residual <= 1e-15 * (np.abs(arrays.linear) @ np.abs(arrays.inverse))).all()
+        np.testing.assert_array_equal(arrays.is_mirrored, np.linalg.slogdet(linear)[0] < 0)
 
+    @pytest.mark.parametrize("unit", [1e-30, 1.0, 1e30])
+    def test_the_world_scale_brings_an_instance_to_a_size_of_about_one(self, unit):
+        point = Mesh.from_arrays([[1, 1, 1]], [[0, 0, 0]])
+        flat = affine((unit, 1e-9 * unit, 1e-9 * unit), [1e7] * 3)
+        transforms = np.stack((affine([unit] * 3, [1e7] * 3), flat, np.eye(4)))
+        scale = make_surface_arrays([TRIANGLE, BALLS, point], np.array([0, 1, 2]), transforms).world_scale
+        sizes = scale[:2] * unit * [2, 2.75]
+        assert (sizes >= 0.5).all()
+        assert (sizes < 1).all()
+        assert (np.frexp(scale)[0] == 0.5).all()
+        assert scale[2] == 1
 
-def test_hits_that_know_neither_mesh_nor_scene_say_so():
-    hits = Hits(*np.zeros((3, 1)), np.zeros(1, np.int32))
-    assert hits.instance_id.tolist() == [0]
-    with pytest.raises(ConfigError, match="do not know their mesh"):
-        _ = hits.normals
-
-
-def test_a_copy_or_a_pickle_of_hits_knows_what_they_know():
-    generator = np.random.default_rng(1)
-    hits = Hits(*np.full((3, 4), 0.25), np.array([5, -1, 0, 7], np.int32), KNOT, is_front=np.ones(4, np.bool_))
-    placed = random_hits(place([KNOT, BALLS], [1, 0], random_transforms(2, generator)), 30, generator)
-    for given in (hits, placed):
-        for other in (copy.copy(given), copy.deepcopy(given), pickle.loads(pickle.dumps(given))):
-            assert (other.mesh is None) == (given.mesh is None)
-            assert other.geometry_id.tobytes() == given.geometry_id.tobytes()
-            assert other.offset_origins().tobytes() == given.offset_origins().tobytes()
-
-
-@pytest.mark.parametrize("shape", [KNOT, BALLS], ids=["mesh", "spheres"])
-def test_a_lone_shape_has_the_surface_of_its_instance_in_the_same_place(shape):
-    lone, placed = (Surface.from_shapes([shape], ["shape"], np.zeros(1, np.int32), t) for t in (None, np.eye(4)[None]))
-    assert lone.lone_mesh is (shape if isinstance(shape, clbvh.Mesh) else None)
-    assert placed.lone_mesh is None
-    hits = random_hits(placed, 300, np.random.default_rng(6))
-    alone = Hits(hits.t, hits.u, hits.v, hits.prim_id, is_front=hits.is_front, surface=lone)
-    assert alone.locations.tobytes() == hits.locations.tobytes()
-    np.testing.assert_allclose(alone.normals, hits.normals, rtol=0, atol=1e-15)
-    leaps = [np.linalg.norm(each.offset_origins() - each.locations, axis=1)[hits.is_hit] for each in (alone, hits)]
-    # No map between the ray and the shape rounds anything.
-    assert (leaps[0] < leaps[1] * (1 + 1e-9)).all()
-    assert (leaps[0] > leaps[1] / 4).all()
+    @pytest.mark.parametrize("unit", [1e-160, 1e160])
+    def test_a_size_beyond_float64_is_refused(self, unit):
+        transforms = np.stack((np.eye(4), np.eye(4), affine([unit] * 3)))
+        with pytest.raises(SceneError, match=r"instance 2 is smaller than .* or larger than"):
+            make_surface_arrays([SQUARE], np.zeros(3, np.int32), transforms)
