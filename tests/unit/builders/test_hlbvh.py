@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 
-from clbvh import Mesh, build, sah_cost, validate_tree
+from clbvh import Mesh, build
 from clbvh.builders.hlbvh.clusters import (
     CLUSTER_SIZE,
     Cluster,
-    bound_clusters,
     cut_clusters,
     make_sweep_scratch,
     sort_prim_refs,
@@ -21,19 +18,11 @@ from clbvh.builders.hlbvh.treelets import bound_points, count_cells, cut_treelet
 from clbvh.builders.options import MAX_DEPTH
 from clbvh.builders.prim_refs import PrimSlice
 from clbvh.builders.sah.subtree import Rule
-from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh.bvh.bvh import measure_depth
 from clbvh.structs import BOX_LANES, NODE
 
 from ...soup import make_soup
-from .prim_refs import boxes_of, make_prim_refs
-
-
-def interleave(x, y, z, bits):
-    return sum(
-        (coordinate >> bit & 1) << 3 * bit + 2 - axis
-        for axis, coordinate in enumerate((x, y, z))
-        for bit in range(bits)
-    )
+from .reference import BOX, cost_of, make_prim_refs
 
 
 def find_cells(mesh, axis_bits):
@@ -43,6 +32,10 @@ def find_cells(mesh, axis_bits):
     whole = PrimSlice(mesh.local_vertices, mesh.faces, 0, mesh.face_count)
     count_cells(whole, make_grid(bounds, 1, axis_bits), cells, counts)
     return cells, counts
+
+
+def interleave(place, bits):
+    return sum((place[axis] >> bit & 1) << 3 * bit + 2 - axis for axis in range(3) for bit in range(bits))
 
 
 @pytest.mark.parametrize("axis_bits", [1, 3, 5])
@@ -55,16 +48,14 @@ def test_the_code_of_a_cell_alternates_the_bits_of_its_coordinates(axis_bits):
     # A centroid next to a wall may fall on either side of it, by rounding.
     sure = (np.abs(places - np.round(places)) > 1e-4).all(axis=1)
     assert sure.mean() > 0.9
-    expected = np.array([interleave(*place, axis_bits) for place in places.astype(int).tolist()])
+    expected = np.array([interleave(place, axis_bits) for place in places.astype(int).tolist()])
     assert (cells[sure] == expected[sure]).all()
     assert counts.tolist() == np.bincount(cells, minlength=len(counts)).tolist()
 
 
 def test_a_mesh_without_extent_has_one_cell():
-    point = Mesh.from_arrays(np.ones((60, 3)), np.arange(60).reshape(-1, 3))
-    cells, counts = find_cells(point, 5)
-    assert cells.tolist() == [0] * 20
-    assert counts[0] == 20
+    cells, counts = find_cells(Mesh.from_arrays(np.ones((60, 3)), np.arange(60).reshape(-1, 3)), 5)
+    assert (cells.tolist(), counts[0]) == ([0] * 20, 20)
 
 
 def cut_by_halves(counts, begin, size, limit):
@@ -79,16 +70,16 @@ def cut_by_halves(counts, begin, size, limit):
 
 
 @pytest.mark.parametrize("limit", [1, 10, 100, 10**6])
-@pytest.mark.parametrize("seed", range(3))
-def test_treelets_are_the_largest_blocks_within_the_limit(seed, limit):
-    random = np.random.default_rng(seed)
-    counts = (random.integers(0, 30, 512) * (random.random(512) < 0.3)).astype(np.int32)
-    treelet_of_cell, first_cells = np.full(512, -1, np.int32), np.empty(512, np.int64)
-    count = cut_treelets(counts, limit, treelet_of_cell, first_cells)
-    blocks = cut_by_halves(counts, 0, 512, limit)
-    assert first_cells[:count].tolist() == [begin for begin, _ in blocks]
-    for treelet, (begin, size) in enumerate(blocks):
-        assert (treelet_of_cell[begin : begin + size] == treelet).all()
+def test_treelets_are_the_largest_blocks_within_the_limit(limit):
+    for seed in range(3):
+        random = np.random.default_rng(seed)
+        counts = (random.integers(0, 30, 512) * (random.random(512) < 0.3)).astype(np.int32)
+        treelet_of_cell, first_cells = np.full(512, -1, np.int32), np.empty(512, np.int64)
+        count = cut_treelets(counts, limit, treelet_of_cell, first_cells)
+        blocks = cut_by_halves(counts, 0, 512, limit)
+        assert first_cells[:count].tolist() == [begin for begin, _ in blocks]
+        for treelet, (begin, size) in enumerate(blocks):
+            assert (treelet_of_cell[begin : begin + size] == treelet).all()
 
 
 @pytest.mark.parametrize("count", [1, 2, 600, 5000])
@@ -100,12 +91,11 @@ def test_references_come_in_the_order_of_their_codes(count):
     assert (np.diff(codes) >= 0).all()
     prims = result.view(np.int32)[:, 3]
     assert sorted(prims.tolist()) == list(range(count))
-    assert result[:, :3].tobytes() == prim_refs[0][prims][:, :3].tobytes()
+    assert result[:, BOX].tobytes() == prim_refs[0][prims][:, BOX].tobytes()
     # Equal codes keep their order, and equal boxes have equal codes.
     assert (np.diff(prims)[np.diff(codes) == 0] > 0).all()
-    boxes = {}
-    for ref, code in zip(result, codes.tolist(), strict=True):
-        assert boxes.setdefault(ref[[0, 1, 2, 4, 5, 6]].tobytes(), code) == code
+    of_box = {}
+    assert all(of_box.setdefault(row[BOX].tobytes(), code) == code for row, code in zip(result, codes, strict=True))
 
 
 def expected_cuts(codes, begin, end):
@@ -120,108 +110,57 @@ def expected_cuts(codes, begin, end):
     return expected_cuts(codes, begin, cut) + expected_cuts(codes, cut, end)
 
 
-CODES = [
-    [0], [5] * 32, [5] * 33, [5] * 1000, range(1000), [0] * 40 + [7] * 40 + [2**26] * 3, [0] * 20 + [4] * 25,
-    [3] * 10 + [4] * 30 + [6] * 30, np.random.default_rng(5).integers(0, 200, 700),
-]  # fmt: skip
+def test_clusters_are_short_and_cut_where_high_bits_change():
+    for codes in (
+        [0], [5] * 32, [5] * 33, [5] * 1000, range(1000), [0] * 40 + [7] * 40 + [2**26] * 3, [0] * 20 + [4] * 25,
+        [3] * 10 + [4] * 30 + [6] * 30, np.random.default_rng(5).integers(0, 200, 700),
+    ):  # fmt: skip
+        codes = np.sort(np.array(codes, np.int32))
+        begins = np.empty(len(codes) + 1, np.int32)
+        count = cut_clusters(codes, len(codes), begins)
+        assert begins[: count + 1].tolist() == [*expected_cuts(codes, 0, len(codes)), len(codes)]
 
 
-@pytest.mark.parametrize("codes", CODES, ids=range(len(CODES)))
-def test_clusters_are_short_and_cut_where_high_bits_change(codes):
-    codes = np.sort(np.array(codes, np.int32))
-    begins = np.empty(len(codes) + 1, np.int32)
-    count = cut_clusters(codes, len(codes), begins)
-    assert begins[: count + 1].tolist() == [*expected_cuts(codes, 0, len(codes)), len(codes)]
-    assert np.diff(begins[: count + 1]).max() <= CLUSTER_SIZE
-
-
-def test_the_boxes_of_clusters():
-    prim_refs, bounds = make_prim_refs(make_soup(100, seed=4))
-    whole = np.empty((1, BOX_LANES), np.float32)
-    boxes = np.empty((3, BOX_LANES), np.float32)
-    bound_clusters(prim_refs[0], np.array([0, 10, 11, 100], np.int32), 3, boxes, whole, 0)
-    assert whole[0, [0, 1, 2, 4, 5, 6]].tolist() == bounds[0, [0, 1, 2, 4, 5, 6]].tolist()
-    for box, (begin, end) in zip(boxes, itertools.pairwise([0, 10, 11, 100]), strict=True):
-        lower, upper = boxes_of(prim_refs[0][begin:end])
-        assert box[:3].tolist() == lower.min(axis=0).tolist()
-        assert (-box[4:7]).tolist() == upper.max(axis=0).tolist()
-
-
-def sweep(prim_refs, depth, leaf_size, traversal_cost=1.0):
-    count = len(prim_refs)
+def sweep(count, depth, leaf_size):
+    """Return the references of a cluster, and the nodes and prim_ids of its part of the tree."""
+    rows = make_prim_refs(make_soup(count, seed=count, size=300))[0][0]
     nodes, prim_ids = np.zeros((2 * count, BOX_LANES), np.float32), np.empty(count, np.int32)
-    cluster, rule = Cluster(0, count, depth, 0, 1, 0), Rule(16, leaf_size, traversal_cost)
-    end = sweep_cluster(prim_refs, cluster, rule, nodes, prim_ids, make_sweep_scratch.py_func())
-    return nodes[:end].view(NODE).reshape(-1), prim_ids
+    cluster, rule = Cluster(0, count, depth, 0, 1, 0), Rule(16, leaf_size, 1.0)
+    end = sweep_cluster(rows, cluster, rule, nodes, prim_ids, make_sweep_scratch.py_func())
+    return rows, nodes[:end].view(NODE).reshape(-1), prim_ids
 
 
-def half_area(prim_refs):
-    lower, upper = boxes_of(prim_refs)
-    size = upper.max(axis=0).astype(float) - lower.min(axis=0)
-    return size[0] * size[1] + size[1] * size[2] + size[2] * size[0]
-
-
-def plain_leaves(prim_refs, begin, end, leaf_size, traversal_cost):
+def plain_leaves(rows, begin, end, leaf_size):
     """Return the leaves that the cheapest cuts along the order give, as ranges."""
-    size, area = end - begin, half_area(prim_refs[begin:end])
-    costs = [
-        half_area(prim_refs[begin:cut]) * (cut - begin) + half_area(prim_refs[cut:end]) * (end - cut)
-        for cut in range(begin + 1, end)
-    ]
-    best = min(costs, default=np.inf)
-    if size <= leaf_size and not traversal_cost * area + best < size * area:
+    costs = [cost_of(rows[begin:cut]) + cost_of(rows[cut:end]) for cut in range(begin + 1, end)]
+    best, whole = min(costs, default=np.inf), cost_of(rows[begin:end])
+    if end - begin <= leaf_size and not whole / (end - begin) + best < whole:
         return [(begin, end)]
     cut = begin + 1 + costs.index(best)
-    return [
-        leaf
-        for part in ((begin, cut), (cut, end))
-        for leaf in plain_leaves(prim_refs, *part, leaf_size, traversal_cost)
-    ]
+    return plain_leaves(rows, begin, cut, leaf_size) + plain_leaves(rows, cut, end, leaf_size)
 
 
 @pytest.mark.parametrize("leaf_size", [1, 4, 32])
-@pytest.mark.parametrize("count", [1, 2, 3, 17, CLUSTER_SIZE])
-def test_a_cluster_is_cut_where_it_is_cheapest(count, leaf_size):
-    prim_refs, _ = make_prim_refs(make_soup(count, seed=count, size=300))
-    nodes, prim_ids = sweep(prim_refs[0], 0, leaf_size)
-    leaves = nodes[nodes["count"] > 0]
-    expected = plain_leaves(prim_refs[0], 0, count, leaf_size, 1.0)
-    assert sorted(zip(leaves["first"], leaves["first"] + leaves["count"], strict=True)) == expected
-    assert prim_ids.tolist() == list(range(count))
+def test_a_cluster_is_cut_where_it_is_cheapest(leaf_size):
+    for count in (1, 2, 3, 17, CLUSTER_SIZE):
+        rows, nodes, prim_ids = sweep(count, 0, leaf_size)
+        leaves = nodes[nodes["count"] > 0]
+        ranges = sorted(zip(leaves["first"], leaves["first"] + leaves["count"], strict=True))
+        assert ranges == plain_leaves(rows, 0, count, leaf_size)
+        assert prim_ids.tolist() == list(range(count))
 
 
 def test_at_the_depth_limit_a_cluster_is_halved():
-    prim_refs, _ = make_prim_refs(make_soup(CLUSTER_SIZE, seed=5))
-    nodes, _ = sweep(prim_refs[0], MAX_DEPTH - 5, 1)
+    _, nodes, _ = sweep(CLUSTER_SIZE, MAX_DEPTH - 5, 1)
     assert len(nodes) == 2 * CLUSTER_SIZE - 1
-    # Five levels are left for 32: all leaves lie at the same depth.
-    depths = {0: 0}
-    for row, node in enumerate(nodes):
-        if node["count"] == 0:
-            depths[int(node["first"])] = depths[int(node["first"]) + 1] = depths[row] + 1
-    assert {depths[row] for row in np.flatnonzero(nodes["count"]).tolist()} == {5}
-
-
-@pytest.mark.parametrize(("shape", "limit"), [("knot", 1.2), ("terrain", 1.2), ("blobs", 1.2), ("boxes", 1.2)])
-def test_a_fast_tree_is_nearly_as_good(shape, limit):
-    """Measured: 1.07 to 1.12."""
-    mesh = make_shape(shape, triangles=20_000, seed=1)
-    bvh = build(mesh, quality="fast")
-    validate_tree(bvh, max_depth=MAX_DEPTH, max_leaf_size=4)
-    assert sah_cost(bvh) < limit * sah_cost(build(mesh))
+    assert measure_depth(nodes["first"], nodes["count"]) == 5
 
 
 def test_the_primitives_below_every_node_are_one_range():
-    bvh = build(make_soup(3000, seed=6), quality="fast")
-    nodes = bvh.nodes
+    nodes = build(make_soup(3000, seed=6), quality="fast").nodes
     begin, end = nodes["first"].copy(), nodes["first"] + nodes["count"]
-    for row in range(len(nodes) - 1, -1, -1):
-        if nodes["count"][row] == 0:
-            left = nodes["first"][row]
-            assert end[left] == begin[left + 1]
-            begin[row], end[row] = begin[left], end[left + 1]
+    for row in np.flatnonzero(nodes["count"] == 0)[::-1]:
+        left = nodes["first"][row]
+        assert end[left] == begin[left + 1]
+        begin[row], end[row] = begin[left], end[left + 1]
     assert (begin[0], end[0]) == (0, 3000)
-
-
-def test_phases_have_their_names():
-    assert list(build(make_soup(10, seed=7), quality="fast").timings_ms) == ["treelets", "subtrees", "compact"]

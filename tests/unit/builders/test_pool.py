@@ -1,4 +1,4 @@
-"""Worker processes: reuse, failure and death; what must be gone in the end, and what a script needs not do."""
+"""Workers and what they share: steps on arrays, reuse, failure and death of processes, and nothing left in the end."""
 
 from __future__ import annotations
 
@@ -6,13 +6,18 @@ import gc
 import os
 import signal
 import sys
+import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from clbvh import SubtreePool, build, validate_tree
+from clbvh.builders.executor import ThreadExecutor
+from clbvh.builders.processes import shared_memory
 from clbvh.builders.processes.pool import open_executor
+from clbvh.builders.processes.shared_memory import SharedArray
 from clbvh.builders.sah import build_sah as sah_module
 from clbvh.errors import ConfigError, PoolError
 from clbvh.support.host_threads import HostThreads, usable_cores
@@ -23,6 +28,24 @@ from ...soup import make_soup
 # Far above what closing a pool may take, far below the steps that are cut short.
 SOON_S = 15.0
 LONG_S = 60.0
+
+
+def add(arrays, name, number):
+    arrays[name] += number
+    return number
+
+
+def list_names(arrays):
+    return sorted(arrays)
+
+
+def total(arrays, name):
+    return float(arrays[name].sum())
+
+
+def sleep_and_tell(arrays, seconds):
+    time.sleep(seconds)
+    return os.getpid(), threading.get_ident()
 
 
 def fail(arrays, word):
@@ -39,13 +62,12 @@ def sleep_or_die(arrays, seconds):
     time.sleep(seconds)
 
 
-def run(pool, step, tasks):
-    with open_executor(pool) as executor:
-        return executor.map(step, tasks)
-
-
 def processes_of(pool):
     return [worker.process for worker in pool._workers]
+
+
+def count_open_files():
+    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 @pytest.fixture(scope="module")
@@ -62,21 +84,94 @@ def doomed():
         pool.wait_ready()
         processes = processes_of(pool)
         yield pool
-    for process in processes:
-        assert process.exitcode is not None
+    assert None not in [process.exitcode for process in processes]
+
+
+@pytest.fixture(params=["one thread", "threads", "processes"])
+def executor(request, pool):
+    threads = 1 if request.param == "one thread" else 2
+    with open_executor(pool) if request.param == "processes" else ThreadExecutor(threads) as executor:
+        yield executor
+
+
+def test_a_step_sees_and_changes_the_arrays(executor):
+    created = executor.create("created", (3,), np.int64)
+    created[:] = 0
+    read_only = np.full(5, 2.0)
+    read_only.flags.writeable = False
+    executor.share("shared", read_only)
+    assert executor.map(add, [("created", number) for number in range(300)]) == list(range(300))
+    assert executor.map(add, []) == []
+    assert executor.map(total, [("created",), ("shared",)]) == [3 * 299 * 150, 10]
+    assert created.tolist() == [299 * 150] * 3
+    assert set(map(tuple, executor.run_on_each(list_names))) == {("created", "shared")}
+    executor.discard("shared")
+    assert executor.map(list_names, [()]) == [["created"]]
+
+
+def test_all_workers_take_part_and_a_free_one_takes_the_next_task(executor):
+    executor.map(sleep_and_tell, [(0.1,)] * 2)  # every process has imported this module
+    who = executor.map(sleep_and_tell, [(0.5,), (0,), (0,), (0,), (0,)])
+    assert len(set(who)) == executor.workers
+    assert executor.workers == 1 or who.count(who[0]) == 1
+    # A step runs once in every process.
+    processes = [process for process, _ in executor.run_on_each(sleep_and_tell, 0)]
+    is_threaded = isinstance(executor, ThreadExecutor)
+    assert processes == [os.getpid()] if is_threaded else os.getpid() not in processes and len(processes) == 2
+
+
+@pytest.fixture(params=[True, False], ids=["anonymous", "file"])
+def empty(request, monkeypatch, tmp_path):
+    """No file may be left open, and none behind; with files as on systems that have no anonymous ones, too."""
+    monkeypatch.setattr(shared_memory.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(shared_memory, "_HAS_ANONYMOUS_FILES", request.param)
+    gc.collect()  # what earlier tests left to the collector is not to be closed in between
+    open_before, shared_before = count_open_files(), set(Path("/dev/shm").iterdir())
+    yield
+    assert count_open_files() <= open_before
+    assert list(tmp_path.iterdir()) == []
+    assert set(Path("/dev/shm").iterdir()) <= shared_before
+
+
+def test_who_attaches_writes_to_the_same_memory_and_an_array_outlives_its_file(empty):
+    shared = SharedArray((1000, 8), np.float32)
+    other = shared.handle.attach()
+    shared.array[17], other[18] = 5, 6
+    assert (other[17].tolist(), shared.array[18].tolist()) == ([5] * 8, [6] * 8)
+    shared.close()
+    assert (shared.array[18] == 6).all()
+    with pytest.raises(OSError, match="No such file"):
+        shared.handle.attach()
+    again = SharedArray((1000, 8), np.float32)
+    again.close()
+    assert again.handle != shared.handle
+
+
+def test_too_little_memory_is_refused_and_leaves_no_file(empty, monkeypatch):
+    with pytest.raises(PoolError, match=r"needs 1,000,000,000 MB .* or build without a pool"):
+        SharedArray((10**15,), "u1")
+
+    def refuse(handle):
+        raise MemoryError
+
+    monkeypatch.setattr(shared_memory.ArrayHandle, "attach", refuse)
+    with pytest.raises(MemoryError):
+        SharedArray((1000,), "u1")
+
+
+def test_a_small_dev_shm_does_not_matter():
+    shared = SharedArray((1000,), "u1")
+    assert "memfd" in os.readlink(shared.handle.path)  # noqa: PTH115 - the link's text
+    shared.close()
 
 
 def test_a_pool_serves_many_builds_and_leaves_no_file_open(pool):
-    def count_open_files():
-        return len(list(Path("/proc/self/fd").iterdir()))
-
-    build(make_soup(100, seed=0), pool=pool, task_threshold=10)
-    open_before = count_open_files()
+    kept = build(make_soup(2000, seed=1), pool=pool, task_threshold=100)
+    before, open_before = kept.nodes.tobytes(), count_open_files()
     for seed in range(10):
-        bvh = build(make_soup(100 + seed, seed), pool=pool, task_threshold=10)
-        validate_tree(bvh)
-        del bvh
+        validate_tree(build(make_soup(100 + seed, seed), pool=pool, task_threshold=10))
     assert count_open_files() == open_before
+    assert kept.nodes.tobytes() == before
 
 
 def test_builds_of_two_threads_take_turns(pool):
@@ -87,57 +182,32 @@ def test_builds_of_two_threads_take_turns(pool):
         assert tree.nodes.tobytes() == build(mesh).nodes.tobytes()
 
 
-def test_a_tree_is_not_touched_by_the_next_build(pool):
-    bvh = build(make_soup(2000, seed=1), pool=pool, task_threshold=100)
-    before = bvh.nodes.tobytes(), bvh.prim_ids.tobytes()
-    build(make_soup(2000, seed=2), pool=pool, task_threshold=100)
-    assert (bvh.nodes.tobytes(), bvh.prim_ids.tobytes()) == before
-
-
-def test_a_pool_says_what_it_is(pool):
-    assert repr(pool) == "SubtreePool(workers=2)"
-
-
-def test_the_default_is_every_usable_processor():
+def test_the_number_of_workers_is_that_of_the_processors_or_a_whole_number():
     assert usable_cores() == len(os.sched_getaffinity(0))
     with SubtreePool() as pool:
-        assert pool.workers == usable_cores()
+        assert (pool.workers, repr(pool)) == (usable_cores(), f"SubtreePool(workers={usable_cores()})")
+    for workers in (0, -1, 1025, 10**9, 2.5, "2", True):
+        with pytest.raises(ConfigError, match=rf"workers must be (1 to 1024|a whole number), not '?{workers}"):
+            SubtreePool(workers=workers)
 
 
-@pytest.mark.parametrize("workers", [0, -1, 1025, 10**9])
-def test_too_few_and_too_many_workers_are_refused(workers):
-    with pytest.raises(ConfigError, match=f"workers must be 1 to 1024, not {workers}"):
-        SubtreePool(workers=workers)
-
-
-@pytest.mark.parametrize("workers", [2.5, "2", True])
-def test_a_number_of_workers_is_a_whole_number(workers):
-    with pytest.raises(ConfigError, match="workers must be a whole number"):
-        SubtreePool(workers=workers)
-
-
-def test_a_closed_pool_refuses_and_may_be_closed_again():
-    pool = SubtreePool(workers=1)
-    pool.close()
-    pool.close()
-    assert repr(pool) == "SubtreePool(workers=1, closed)"
-    for use in (pool.wait_ready, lambda: build(make_soup(100, seed=0), pool=pool, task_threshold=10)):
-        with pytest.raises(PoolError, match="the pool is closed: create another one"):
-            use()
-
-
-def test_closing_ends_the_processes():
+def test_a_closed_pool_has_ended_its_processes_refuses_and_may_be_closed_again():
     with SubtreePool(workers=2) as pool:
         pool.wait_ready()
         processes = processes_of(pool)
         assert [process.exitcode for process in processes] == [None, None]
     assert [process.exitcode for process in processes] == [0, 0]
+    pool.close()
+    assert repr(pool) == "SubtreePool(workers=2, closed)"
+    for use in (pool.wait_ready, lambda: build(make_soup(100, seed=0), pool=pool, task_threshold=10)):
+        with pytest.raises(PoolError, match="the pool is closed: create another one"):
+            use()
 
 
 def test_a_pool_that_is_dropped_ends_its_workers_and_the_next_one_starts():
     pool = SubtreePool(workers=1)
     pool.wait_ready()
-    process = processes_of(pool)[0]
+    (process,) = processes_of(pool)
     del pool
     gc.collect()
     assert process.exitcode == 0
@@ -145,48 +215,41 @@ def test_a_pool_that_is_dropped_ends_its_workers_and_the_next_one_starts():
         another.wait_ready()
 
 
-def test_an_error_in_the_block_closes_the_pool_and_passes():
-    with pytest.raises(ZeroDivisionError), SubtreePool(workers=1) as pool:  # noqa: PT012 - the block is what is tested
-        pool.wait_ready()
-        processes = processes_of(pool)
-        raise ZeroDivisionError
-    assert processes[0].exitcode == 0
-
-
-def test_a_step_that_raises_arrives_with_its_traceback(doomed):
-    with pytest.raises(
-        PoolError, match=r"(?s)worker \d failed:.*in fail\n.*ValueError: the word is swordfish"
-    ) as caught:
-        run(doomed, fail, [("swordfish",)] * 4)
+def test_a_step_that_raises_arrives_with_its_traceback_and_closes_the_pool(doomed):
+    message = r"(?s)worker \d failed:.*in fail\n.*ValueError: the word is swordfish"
+    with pytest.raises(PoolError, match=message) as caught, open_executor(doomed) as executor:
+        executor.map(fail, [("swordfish",)] * 4)
     assert str(caught.value).count("Traceback") == 1
     with pytest.raises(PoolError, match="closed"):
         doomed.wait_ready()
 
 
-def test_a_killed_worker_is_an_error_at_once_though_another_is_busy(doomed):
+@pytest.mark.parametrize(("step", "tasks", "message"), [
+    (sleep_or_die, [(LONG_S,), (None,)], r"worker 1 died \(exit code -9\)"),
+    (leave, [(3,)], r"worker 0 died \(exit code 3\)"),
+])  # fmt: skip
+def test_a_worker_that_dies_is_an_error_at_once_though_another_is_busy(doomed, step, tasks, message):
     begin = time.perf_counter()
-    with pytest.raises(PoolError, match=r"worker 1 died \(exit code -9\)"):
-        run(doomed, sleep_or_die, [(LONG_S,), (None,)])
+    with pytest.raises(PoolError, match=message), open_executor(doomed) as executor:
+        executor.map(step, tasks)
     assert time.perf_counter() - begin < SOON_S
 
 
-def test_a_worker_that_exits_is_an_error_with_its_code(doomed):
-    with pytest.raises(PoolError, match=r"worker 0 died \(exit code 3\)"):
-        run(doomed, leave, [(3,)])
-
-
-def test_a_worker_killed_from_outside_during_a_build_is_an_error(doomed, monkeypatch):
-    real = sah_module.split_top
+def test_a_worker_killed_from_outside_during_a_build_is_an_error_and_a_new_pool_builds(doomed, monkeypatch):
+    real, mesh = sah_module.split_top, make_soup(2000, seed=1)
 
     def kill_then_split(*arguments):
         processes_of(doomed)[0].kill()
         real(*arguments)
 
-    monkeypatch.setattr(sah_module, "split_top", kill_then_split)
-    begin = time.perf_counter()
-    with pytest.raises(PoolError, match="worker 0 died"):
-        build(make_soup(2000, seed=1), pool=doomed, task_threshold=10)
-    assert time.perf_counter() - begin < SOON_S
+    with monkeypatch.context() as patch:
+        patch.setattr(sah_module, "split_top", kill_then_split)
+        begin = time.perf_counter()
+        with pytest.raises(PoolError, match="worker 0 died"):
+            build(mesh, pool=doomed, task_threshold=10)
+        assert time.perf_counter() - begin < SOON_S
+    with SubtreePool(workers=2) as another:
+        assert build(mesh, pool=another, task_threshold=10).nodes.tobytes() == build(mesh).nodes.tobytes()
 
 
 # Builds until it is stopped. Where the tests run in the background, their children ignore Ctrl-C unless told so.
@@ -194,9 +257,8 @@ BUSY_SCRIPT = """
 import signal
 import clbvh
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from clbvh.geometry.shapes.make_shape import make_shape
 if __name__ == "__main__":
-    mesh = make_shape("icosphere", triangles=60_000)
+    mesh = clbvh.make_shape("icosphere", triangles=60_000)
     with clbvh.SubtreePool(workers=2) as pool:
         clbvh.build(mesh, pool=pool)
         print("building", flush=True)
@@ -216,9 +278,8 @@ if __name__ == "__main__":
 @pytest.fixture
 def script(short_path):
     """A function that starts a script in a session of its own, with the folder that must be empty in the end."""
-    folder = short_path / "temporary"
+    folder, started = short_path / "temporary", []
     folder.mkdir()
-    started = []
 
     def start(text):
         path = short_path / "script.py"
@@ -238,30 +299,22 @@ def assert_nothing_left(process, folder):
     assert wait_until(lambda: not list(folder.iterdir())), f"files left: {list(folder.iterdir())}"
 
 
-def test_ctrl_c_during_a_build_ends_everything(script):
-    process, folder = script(BUSY_SCRIPT)
-    assert process.stdout.readline() == "building\n"
-    begin = time.perf_counter()
-    os.killpg(process.pid, signal.SIGINT)
-    _, errors = process.communicate(timeout=SOON_S)
-    assert time.perf_counter() - begin < SOON_S
-    assert process.returncode == -signal.SIGINT
-    # One traceback: the coordinator's, with those of the exceptions that it was handling. Workers are quiet.
-    assert errors.count("Traceback") == 1 + errors.count("During handling of the above exception")
-    assert errors.rstrip().endswith("KeyboardInterrupt")
-    assert_nothing_left(process, folder)
-
-
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_a_coordinator_that_is_killed_leaves_nothing(script, number):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL, signal.SIGTERM])
+def test_a_coordinator_that_is_stopped_during_a_build_leaves_nothing(script, number):
     process, folder = script(BUSY_SCRIPT)
     assert process.stdout.readline() == "building\n"
     assert len(list_session(process.pid)) >= 3
-    process.send_signal(number)
+    if number == signal.SIGINT:  # Ctrl-C reaches the workers, too
+        os.killpg(process.pid, number)
+    else:
+        process.send_signal(number)
     _, errors = process.communicate(timeout=SOON_S)
     assert process.returncode == -number
+    # One traceback: the coordinator's, with those of the exceptions that it was handling. Workers are quiet.
+    tracebacks = errors.count("Traceback") - errors.count("During handling of the above exception")
+    assert tracebacks == (number == signal.SIGINT)
+    assert errors.rstrip().endswith("KeyboardInterrupt" * tracebacks)
     assert_nothing_left(process, folder)
-    assert "Traceback" not in errors
 
 
 def test_a_pool_that_nobody_closes_ends_with_the_script(script):

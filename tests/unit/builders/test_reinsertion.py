@@ -1,4 +1,4 @@
-"""Expanding, moving and collapsing: each step alone, on trees that are small enough to try everything."""
+"""The quality `high`: each step alone on trees that are small enough to try everything, and what it is worth."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from clbvh import Bvh, Mesh, build, sah_cost, validate_tree
-from clbvh.builders.prim_refs import fill_slice
+from clbvh import Bvh, Mesh, build, make_shape, sah_cost, validate_tree
+from clbvh.builders.reinsertion import build_high
 from clbvh.builders.reinsertion.expanded_tree import (
     ROOT,
     ExpandedTree,
@@ -21,17 +21,14 @@ from clbvh.builders.reinsertion.expanded_tree import (
 )
 from clbvh.builders.reinsertion.reinsert import reinsert_below
 from clbvh.bvh.refit import fit_nodes
-from clbvh.geometry.corners import find_corners
+from clbvh.rendering.heat_map import mean_steps, open_counter
 from clbvh.structs import EXPANDED_FIRST, EXPANDED_PRIM_ID, NODE
+from clbvh.trace.hits.closest import count_steps
 
+from ...rays import random_rays
 from ...soup import make_soup
 from ..hand_made import FACE_COUNT, make_leaf, make_mesh, make_tree
-
-
-def make_prim_refs(mesh):
-    prim_refs = np.empty((mesh.face_count, 8), np.float32)
-    fill_slice(find_corners(mesh), 0, mesh.face_count, prim_refs)
-    return prim_refs
+from .reference import cost_of, make_prim_refs
 
 
 def expand(bvh):
@@ -40,7 +37,7 @@ def expand(bvh):
     boxes = np.zeros((2 * count, 8), np.float32)
     tree = ExpandedTree(boxes, boxes.view(np.int32), np.zeros(count, np.int32))
     nodes = bvh.nodes.view(np.float32).reshape(-1, 8)
-    expand_leaves(nodes, nodes.view(np.int32), bvh.prim_ids, make_prim_refs(bvh.mesh), tree)
+    expand_leaves(nodes, nodes.view(np.int32), bvh.prim_ids, make_prim_refs(bvh.mesh)[0][0], tree)
     return tree
 
 
@@ -73,20 +70,17 @@ def assert_linked(tree):
     order = list_all(tree)
     assert sorted(order.tolist()) == list(range(1, len(tree.boxes)))
     children = tree.links[order, EXPANDED_FIRST]
-    for node in order[children != 0]:
-        assert tree.parents[tree.links[node, EXPANDED_FIRST] >> 1] == node
+    assert (tree.parents[children[children != 0] >> 1] == order[children != 0]).all()
     assert sorted(tree.links[order[children == 0], EXPANDED_PRIM_ID].tolist()) == list(range(len(tree.parents)))
 
 
-@pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("count", [1, 2, 3, 40, 700])
-def test_a_tree_of_single_triangles_comes_back_as_it_was(count, seed):
-    bvh = build(make_soup(count, seed), leaf_size=1)
+def test_a_tree_of_single_triangles_comes_back_as_it_was(count):
+    bvh = build(make_soup(count, seed=1), leaf_size=1)
     tree = expand(bvh)
     assert_linked(tree)
     again = collapse_best(bvh.mesh, tree)
-    assert again.nodes.tobytes() == bvh.nodes.tobytes()
-    assert again.prim_ids.tobytes() == bvh.prim_ids.tobytes()
+    assert (again.nodes.tobytes(), again.prim_ids.tobytes()) == (bvh.nodes.tobytes(), bvh.prim_ids.tobytes())
 
 
 @pytest.mark.parametrize("make", [make_tree, make_leaf])
@@ -98,59 +92,49 @@ def test_leaves_are_split_down_to_single_triangles(make):
     collapse_best(bvh.mesh, tree)
 
 
-@pytest.mark.parametrize("seed", [5])
-@pytest.mark.parametrize("count", [2, 3, 9, 255])
-def test_a_sweep_finds_the_cheapest_split_of_all(count, seed):
-    prim_refs = make_prim_refs(make_soup(count, seed, grid=40))
+def sweep_all(mesh):
+    """Return the references in the order of a sweep over all of them, and how many go left."""
+    rows, count = make_prim_refs(mesh)[0][0], mesh.face_count
     prims = np.arange(count, dtype=np.int32)
-    left = sweep(prims, prim_refs, np.empty((3, count), np.int32), np.empty(count))
+    left = sweep(prims, rows, np.empty((3, count), np.int32), np.empty(count))
     assert sorted(prims.tolist()) == list(range(count))
+    return rows[prims], left
 
-    def cost_of(chosen):
-        size = -(prim_refs[chosen, 4:7].min(axis=0) + prim_refs[chosen, :3].min(axis=0)).astype(np.float64)
-        return (size[0] * size[1] + size[1] * size[2] + size[2] * size[0]) * len(chosen)
 
+@pytest.mark.parametrize("count", [2, 3, 9, 255])
+def test_a_sweep_finds_the_cheapest_split_of_all(count):
+    rows, left = sweep_all(make_soup(count, seed=5, grid=40))
     costs = [
         cost_of(order[:cut]) + cost_of(order[cut:])
         for axis in range(3)
-        for order in [np.argsort(prim_refs[:, axis] - prim_refs[:, 4 + axis], kind="stable")]
+        for order in [rows[np.argsort(rows[:, axis] - rows[:, 4 + axis], kind="stable")]]
         for cut in range(1, count)
     ]
-    assert cost_of(prims[:left]) + cost_of(prims[left:]) == pytest.approx(min(costs))
+    assert cost_of(rows[:left]) + cost_of(rows[left:]) == pytest.approx(min(costs))
 
 
 def test_equal_triangles_are_split_evenly():
-    mesh = Mesh.from_arrays(np.eye(3), np.tile(np.arange(3), (64, 1)))
-    left = sweep(np.arange(64, dtype=np.int32), make_prim_refs(mesh), np.empty((3, 64), np.int32), np.empty(64))
-    assert left == 32
+    assert sweep_all(Mesh.from_arrays(np.eye(3), np.tile(np.arange(3), (64, 1))))[1] == 32
 
 
 def test_neighbours_that_were_parted_find_each_other():
     # Four triangles in a row as (0, (1, 3)), 2: 3 belongs to 2.
-    leaves = {1: (2, 3), 3: (0, 0), 5: (1, 1), 6: (3, 2)}  # node: (face, index in prim_ids)
-    nodes = np.zeros(7, NODE)
-    nodes["first"][[0, 2, 4]] = 1, 3, 5
-    prim_ids = np.empty(FACE_COUNT, np.int32)
-    for leaf, (face, index) in leaves.items():
-        nodes["first"][leaf], nodes["count"][leaf], prim_ids[index] = index, 1, face
-    mesh = make_mesh()
+    nodes, prim_ids, mesh = np.zeros(7, NODE), np.array([0, 1, 3, 2], np.int32), make_mesh()
+    nodes["first"], nodes["count"] = [1, 3, 3, 0, 5, 1, 2], [0, 0, 1, 1, 0, 1, 1]
     tree = expand(Bvh(fit_nodes(nodes["first"], nodes["count"], prim_ids, mesh), prim_ids, mesh))
     below = list_below(tree, ROOT)
     leaf_of = {tree.links[node, EXPANDED_PRIM_ID]: node for node in below if tree.links[node, EXPANDED_FIRST] == 0}
     # 2 would move to 3, but the root would go with it.
     assert reinsert_below(tree, ROOT, np.array([leaf_of[2]], np.int32)) == 0
-    node = leaf_of[3]
-    assert reinsert_below(tree, ROOT, np.array([node], np.int32)) == 1
+    assert reinsert_below(tree, ROOT, np.array([leaf_of[3]], np.int32)) == 1
     assert_linked(tree)
     bvh = collapse_best(mesh, tree)
-    pairs = [bvh.prim_ids[begin : begin + 2].tolist() for begin in (0, 2)]
-    assert sorted(map(sorted, pairs)) == [[0, 1], [2, 3]]
+    assert sorted(sorted(bvh.prim_ids[begin : begin + 2]) for begin in (0, 2)) == [[0, 1], [2, 3]]
     assert bvh.depth == 2
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_every_move_lowers_the_cost(seed):
-    mesh = make_soup(600, seed, grid=100, size=60)
+def test_every_move_lowers_the_cost():
+    mesh = make_soup(600, seed=0, grid=100, size=60)
     tree = expand(build(mesh, bins=2, leaf_size=1))
     before = sah_cost(collapse_best(mesh, tree))
     for node in list_below(tree, ROOT):
@@ -174,14 +158,11 @@ def test_a_subtree_keeps_to_its_own_nodes():
     collapse_best(mesh, tree)
 
 
-@pytest.mark.parametrize("seed", [1, 7])
-@pytest.mark.parametrize("traversal_cost", [0.3, 1.0, 4.0])
-@pytest.mark.parametrize("leaf_size", [1, 2, 4, 8])
-def test_the_leaves_are_the_cheapest_of_all(leaf_size, traversal_cost, seed):
-    mesh = make_soup(9, seed, grid=10, size=12)
+@pytest.mark.parametrize(("leaf_size", "traversal_cost"), [(1, 1.0), (2, 1.0), (4, 0.3), (4, 4.0), (8, 1.0)])
+def test_the_leaves_are_the_cheapest_of_all(leaf_size, traversal_cost):
+    mesh = make_soup(9, seed=7, grid=10, size=12)
     tree = expand(build(mesh, leaf_size=1))
     best = sah_cost(collapse_best(mesh, tree, leaf_size, traversal_cost), traversal_cost=traversal_cost)
-
     # All ways to make leaves of some interior nodes.
     interior = [node for node in list_all(tree) if tree.links[node, EXPANDED_FIRST] != 0]
     costs = []
@@ -199,3 +180,23 @@ def test_of_equal_costs_the_leaf_is_taken():
     mesh = Mesh.from_arrays([[x, 0, 0] for x in range(12)], np.arange(12).reshape(-1, 3))
     tree = expand(build(mesh, leaf_size=1))
     assert collapse_best(mesh, tree, 4, 1.0).nodes["count"].tolist() == [4]
+
+
+@pytest.mark.parametrize(("name", "share"), [("palace", 0.92), ("knot", 1.0)])
+def test_rays_find_less_to_test(name, share):
+    mesh = make_shape(name, triangles=20_000, seed=2)
+    plain, high = build(mesh), build(mesh, quality="high")
+    rays, steps = random_rays(mesh, 4000, np.random.default_rng(3)), []
+    for bvh in (plain, high):
+        with open_counter(bvh) as caster:
+            steps.append(count_steps(caster, *rays))
+    assert mean_steps(steps[1])["tests"] <= share * mean_steps(steps[0])["tests"]
+    assert (steps[1]["prim_id"] == steps[0]["prim_id"]).all()
+    assert sah_cost(high) < share * sah_cost(plain)
+
+
+def test_a_tree_that_would_be_too_deep_is_given_up(mesh, monkeypatch):
+    plain = build(mesh, bins=16)
+    monkeypatch.setattr(build_high, "MAX_DEPTH", 3)
+    high = build(mesh, bins=16, quality="high")
+    assert (high.nodes.tobytes(), high.prim_ids.tobytes()) == (plain.nodes.tobytes(), plain.prim_ids.tobytes())

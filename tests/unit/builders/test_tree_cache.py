@@ -1,83 +1,151 @@
-"""The folder of kept trees has a limit: what has not been used for the longest time goes first."""
+"""Trees that are built or come from the cache: nothing about the cache is ever fatal, and its folder has a limit."""
 
 from __future__ import annotations
 
+import dataclasses
 import os
 
 import pytest
 
-from clbvh import build, make_shape
-from clbvh.builders.options import BuildOptions
-from clbvh.builders.tree_cache import LIMIT_VARIABLE, cache_path, keep_tree, take_tree
+from clbvh import BuildOptions, Bvh, Mesh, RenderOptions, build, validate_tree
+from clbvh.builders.tree_cache import LIMIT_VARIABLE, cache_path, find_tree_cache, get_tree, keep_tree, take_tree
+from clbvh.builders.tree_options import TreeOptions
+from clbvh.errors import ConfigError
 
 MIB = 1 << 20
 
 
-@pytest.fixture(scope="module")
-def mesh():
-    return make_shape("icosphere", triangles=1280)
+@pytest.fixture
+def cached(tmp_path):
+    """Options with a cache in a folder that does not exist yet."""
+    return TreeOptions(cache=tmp_path / "some" / "folder")
 
 
-@pytest.fixture(scope="module")
-def tree(mesh):
-    return build(mesh)
+@pytest.fixture
+def path(cached, mesh):
+    """Where the cache keeps the knot's tree."""
+    return cache_path(cached.cache, mesh, cached.builder, cached.build)
 
 
-def keep_aged(folder, mesh, tree, count):
-    """Keep a tree under several names, the first one used the longest time ago; each takes a whole MiB."""
-    paths = [cache_path(folder, mesh, "sah", BuildOptions(bins=bins)) for bins in range(2, 2 + count)]
-    for age, path in enumerate(reversed(paths), start=1):
-        tree.save(path)
-        with path.open("ab") as file:
-            file.truncate(MIB)
-        os.utime(path, (1e9 - age, 1e9 - age))
-    return paths
+def test_without_a_cache_the_tree_is_built(mesh):
+    made = get_tree(mesh, TreeOptions(build=BuildOptions(leaf_size=1)))
+    assert made.bvh.nodes.tobytes() == build(mesh, leaf_size=1).nodes.tobytes()
+    assert (made.from_cache, made.workers, made.notes) == (False, 1, ())
+    assert made.timings_ms["build"] > 0 == made.timings_ms["cache"]
 
 
-def test_the_oldest_trees_go_first(tmp_path, mesh, tree, monkeypatch):
-    monkeypatch.setenv(LIMIT_VARIABLE, "3")
-    paths = keep_aged(tmp_path, mesh, tree, 4)
-    new = cache_path(tmp_path, mesh, "sah", BuildOptions())
-    (tmp_path / "not-a-tree").write_bytes(bytes(5 * MIB))
-    assert keep_tree(new, tree) == ""
-    assert set(tmp_path.iterdir()) == {*paths[2:], new, tmp_path / "not-a-tree"}
+def test_the_second_time_the_tree_comes_from_the_cache(cached, mesh, path):
+    threads = dataclasses.replace(cached, workers=2, build=BuildOptions(task_threshold=100))
+    first, second = get_tree(mesh, threads), get_tree(dataclasses.replace(mesh, name="other"), cached)
+    assert (first.from_cache, first.workers) == (False, 2)
+    assert (second.from_cache, second.workers, second.notes) == (True, 0, ())
+    assert second.bvh.nodes.tobytes() == first.bvh.nodes.tobytes() == build(mesh).nodes.tobytes()
+    assert second.bvh.prim_ids.tobytes() == first.bvh.prim_ids.tobytes()
+    assert second.timings_ms["build"] == 0 < second.timings_ms["cache"]
+    assert list(cached.cache.iterdir()) == [path]
 
 
-def test_a_tree_that_is_used_stays(tmp_path, mesh, tree, monkeypatch):
-    monkeypatch.setenv(LIMIT_VARIABLE, "3")
-    paths = keep_aged(tmp_path, mesh, tree, 3)
-    tree.save(paths[0])  # whole again, so that it can be taken
-    os.utime(paths[0], (0, 0))
-    taken, note = take_tree(paths[0], mesh)
-    assert (taken is not None, note) == (True, "")
-    with paths[0].open("ab") as file:
-        used = paths[0].stat().st_mtime
-        file.truncate(MIB)
-    os.utime(paths[0], (used, used))
-    assert keep_tree(cache_path(tmp_path, mesh, "sah", BuildOptions()), tree) == ""
-    assert paths[0].exists()
-    assert not paths[1].exists()
+def test_every_option_but_the_threshold_is_in_the_name(tmp_path, mesh):
+    """Also those that the future brings."""
+    other = {int: 5, float: 5.0, type(None): 5, str: "fast"}
+    fields = [field for field in dataclasses.fields(BuildOptions) if field.name != "task_threshold"]
+    changed = [BuildOptions(), *(BuildOptions(**{field.name: other[type(field.default)]}) for field in fields)]
+    names = {cache_path(tmp_path, mesh, "sah", options) for options in changed}
+    assert len(names | {cache_path(tmp_path, mesh, "another", BuildOptions())}) == 2 + len(fields)
+    assert cache_path(tmp_path, mesh, "sah", BuildOptions(task_threshold=5)) in names
 
 
-def test_a_tree_above_the_limit_is_not_kept(tmp_path, mesh, tree, monkeypatch):
-    monkeypatch.setenv(LIMIT_VARIABLE, "0")
-    path = cache_path(tmp_path, mesh, "sah", BuildOptions())
-    assert f"set {LIMIT_VARIABLE} to more" in keep_tree(path, tree)
-    assert list(tmp_path.iterdir()) == []
+def test_another_version_builds_again(cached, mesh, monkeypatch):
+    get_tree(mesh, cached)
+    monkeypatch.setattr("clbvh.builders.tree_cache.__version__", "99.0")
+    assert not get_tree(mesh, cached).from_cache
 
 
-@pytest.mark.parametrize("limit", ["many", "-1", "1e3", "9" * 5000])
-def test_a_limit_that_is_no_number_is_said(tmp_path, mesh, tree, monkeypatch, limit):
-    monkeypatch.setenv(LIMIT_VARIABLE, limit)
-    path = cache_path(tmp_path, mesh, "sah", BuildOptions())
-    assert keep_tree(path, tree).startswith(f"{LIMIT_VARIABLE} must be a whole number of MiB")
-    assert path.exists()
+@pytest.mark.parametrize("damage", [lambda data: data[:-1], lambda data: data + b"x", lambda data: b"", bytes.upper])
+def test_a_damaged_file_is_replaced(cached, mesh, path, damage):
+    get_tree(mesh, cached)
+    good = path.read_bytes()
+    path.write_bytes(damage(good))
+    made = get_tree(mesh, cached)
+    assert not made.from_cache
+    (note,) = made.notes
+    assert str(path) in note
+    assert "built again" in note
+    validate_tree(made.bvh)
+    assert path.read_bytes() == good
 
 
-def test_a_fifo_in_the_place_of_a_tree_is_not_read(tmp_path, mesh, tree):
-    path = cache_path(tmp_path, mesh, "sah", BuildOptions())
+def test_the_file_of_another_mesh_is_not_used(cached, mesh, path):
+    build(Mesh.from_arrays(mesh.vertices * [1, 1, 2], mesh.faces)).save(path.parent.mkdir(parents=True) or path)
+    made = get_tree(mesh, cached)
+    assert not made.from_cache
+    assert "another mesh" in made.notes[0]
+    validate_tree(made.bvh)
+
+
+def test_a_folder_or_a_pipe_in_the_place_of_the_file_and_a_full_disk_are_no_end(cached, mesh, path, monkeypatch):
+    path.mkdir(parents=True)
+    made = get_tree(mesh, cached)
+    assert (made.from_cache, len(made.notes)) == (False, 2)
+    assert "this is a folder" in made.notes[1]
+    path.rmdir()
     os.mkfifo(path)
     taken, note = take_tree(path, mesh)
     assert taken is None
     assert note.endswith("this is a named pipe, not a file")
-    assert "only a regular file can be replaced" in keep_tree(path, tree)
+    assert "only a regular file can be replaced" in keep_tree(path, made.bvh)
+    path.unlink()
+
+    def fail(bvh, path):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Bvh, "save", fail)
+    (note,) = get_tree(mesh, cached).notes
+    assert "cannot be kept" in note
+    assert "No space left" in note
+
+
+def test_a_folder_that_cannot_be_made_is_an_error(tmp_path, mesh):
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match="trees cannot be kept in this folder"):
+        get_tree(mesh, TreeOptions(cache=tmp_path / "file" / "folder"))
+
+
+def test_the_cache_lies_in_the_cache_of_the_user(monkeypatch, tmp_path):
+    monkeypatch.setenv("CLBVH_CACHE", str(tmp_path))
+    assert find_tree_cache() == tmp_path / "trees"
+
+
+def test_the_trees_that_have_not_been_used_for_the_longest_time_go_first(tmp_path, mesh, monkeypatch):
+    monkeypatch.setenv(LIMIT_VARIABLE, "3")
+    tree = build(mesh)
+    paths = [cache_path(tmp_path, mesh, "sah", BuildOptions(bins=bins)) for bins in (2, 3, 4, 5)]
+    for age, path in enumerate(paths):
+        tree.save(path)
+        os.utime(path, (age, age))
+    assert take_tree(paths[0], mesh)[0] is not None  # used, so the second is the oldest now
+    for path in paths:
+        used = path.stat().st_mtime
+        os.truncate(path, MIB)
+        os.utime(path, (used, used))
+    (tmp_path / "not-a-tree").write_bytes(bytes(5 * MIB))
+    new = cache_path(tmp_path, mesh, "sah", BuildOptions())
+    assert keep_tree(new, tree) == ""
+    assert set(tmp_path.iterdir()) == {paths[0], paths[3], new, tmp_path / "not-a-tree"}
+    monkeypatch.setenv(LIMIT_VARIABLE, "0")
+    assert f"set {LIMIT_VARIABLE} to more" in keep_tree(tmp_path / "one.tree", tree)
+    for limit in ("many", "-1", "1e3", "9" * 5000):
+        monkeypatch.setenv(LIMIT_VARIABLE, limit)
+        assert keep_tree(new, tree).startswith(f"{LIMIT_VARIABLE} must be a whole number of MiB")
+        assert new.exists()
+
+
+def test_options_are_checked():
+    with pytest.raises(ConfigError, match="not 'brute'"):
+        TreeOptions(builder="brute")
+    with pytest.raises(ConfigError, match="the builder brute has one quality"):
+        RenderOptions(builder="brute", build=BuildOptions(quality="fast"))
+    for kind in (TreeOptions, RenderOptions):
+        for name, value in (("builder", "magic"), ("workers", 0), ("workers", "two"), ("cache", "folder")):
+            with pytest.raises(ConfigError, match=f"{name} must be "):
+                kind(**{name: value})

@@ -1,0 +1,77 @@
+"""The default builder, against a plain one that makes the same tree, and steps that a whole tree shows too rarely."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clbvh import build
+from clbvh.builders.sah import top
+from clbvh.builders.sah.split import Slice, Split, fill_bins, make_bins, partition
+from clbvh.structs import BOX_LANES, BOX_TALLY
+
+from ...soup import make_soup
+from .reference import bins_of, build_sah, make_prim_refs
+from .shapes import MESHES
+
+
+@pytest.mark.parametrize(("bins", "leaf_size", "traversal_cost"), [(16, 4, 1.0), (3, 1, 0.3), (64, 20, 4.0)])
+def test_the_tree_is_that_of_the_plain_builder(bins, leaf_size, traversal_cost):
+    for name, make in MESHES.items():
+        mesh = make()
+        nodes, prim_ids = build_sah(mesh, bins, leaf_size, traversal_cost)
+        bvh = build(mesh, bins=bins, leaf_size=leaf_size, traversal_cost=traversal_cost)
+        assert bvh.nodes.tobytes() == nodes.tobytes(), name
+        assert bvh.prim_ids.tobytes() == prim_ids.tobytes(), name
+
+
+def test_a_reference_is_the_box_of_its_triangle():
+    mesh = make_soup(100, seed=1, degenerate=0.2)
+    rows = make_prim_refs(mesh)[0][0]
+    corners = mesh.local_vertices[mesh.faces]
+    assert (rows[:, :3] == corners.min(axis=1)).all()
+    assert (rows[:, 4:7] == -corners.max(axis=1)).all()
+    assert rows.view(np.int32)[:, [3, 7]].tolist() == [[number, 0] for number in range(100)]
+
+
+def test_the_upper_end_falls_into_the_last_bin_whatever_the_rounding():
+    random = np.random.default_rng(0)
+    for _ in range(1000):
+        lower, upper = np.sort((random.normal(size=2) * 10.0 ** random.integers(-20, 20)).astype(np.float32))
+        rows, bounds = np.zeros((2, 2, BOX_LANES), np.float32)
+        rows[:, 0] = lower, upper
+        rows[:, 4] = -rows[:, 0]
+        bounds[1, 0], bounds[1, 4] = 2 * lower, -2 * upper
+        for bin_count in (2, 3, 16, 64):
+            bins = make_bins(bin_count)
+            fill_bins(rows, 0, 2, bounds, bin_count, bins)
+            assert bins.view(np.int32)[[0, bin_count - 1], BOX_TALLY].tolist() == [1, 1]
+
+
+def test_a_partition_keeps_the_order_on_both_sides_and_bounds_their_centroids():
+    prim_refs, bounds = make_prim_refs(make_soup(100, seed=1, grid=20, copies=0.2))
+    rows, target, gap = prim_refs[0], np.zeros((130, BOX_LANES), np.float32), np.zeros((30, BOX_LANES), np.float32)
+    goes_left = bins_of(rows, 8)[:, 1] <= 3
+    centroid_boxes = np.zeros((2, BOX_LANES), np.float32)
+    part = Slice(0, 100, 0, int(goes_left.sum()) + 30)
+    partition(rows, target, part, bounds, Split(0.0, 1, 3, 0, 8), centroid_boxes)
+    assert target.tobytes() == np.concatenate([rows[goes_left], gap, rows[~goes_left]]).tobytes()
+    for box, side in zip(centroid_boxes, (rows[goes_left], rows[~goes_left]), strict=True):
+        centroids = side[:, :3] - side[:, 4:7]
+        assert (box[:3] == centroids.min(axis=0)).all()
+        assert (box[4:7] == -centroids.max(axis=0)).all()
+
+
+def test_a_level_is_split_some_nodes_at_a_time(monkeypatch):
+    mesh, counts, make_level = make_soup(3000, seed=2), [], top.make_level
+
+    def count_and_make(ranges, *rest):
+        counts.append(len(ranges))
+        return make_level(ranges, *rest)
+
+    monkeypatch.setattr(top, "make_level", count_and_make)
+    whole, node_count = build(mesh, task_threshold=20), sum(counts)
+    counts.clear()
+    monkeypatch.setattr(top, "_NODES_AT_ONCE", 5)
+    assert build(mesh, task_threshold=20).nodes.tobytes() == whole.nodes.tobytes()
+    assert (max(counts), sum(counts)) == (5, node_count)
