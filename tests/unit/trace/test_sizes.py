@@ -1,11 +1,16 @@
-"""Size does not matter: in any unit, and with directions of any length, the same hits, bit for bit."""
+"""Meshes of any size, anywhere; rays of any length, from anywhere, with any limits: the same hits as for ordinary ones.
+
+Most of it to the last bit; the rest is compared with formulas.
+"""
 
 import numpy as np
 import pytest
 
-from clbvh import Mesh, Tracer, build
-from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.structs import LAYOUT_WIDTHS
+from clbvh import Mesh, QueryError, Tracer, build, make_shape
+from clbvh.structs import LAYOUT_WIDTHS, PACKED_RAY
+from clbvh.trace.rays.batch import read_rays
+from clbvh.trace.rays.pack import pack_rays
+from clbvh.trace.world.tree_box import TreeBox
 
 from ...rays import hard_rays
 
@@ -20,19 +25,50 @@ EXTREMES = [(490, -1000), (-490, 1000)]
 OF_T = ("t", "every t", "limited", "any")
 
 COUNT = 300
+FIELDS = ("t", "u", "v", "prim_id")
+KILOMETRE, MILLIMETRE = 1e3, 1e-3
+SURVEY = np.array([5.0e5, 4.65e6, 1.2e3])  # metres east, north and up
+
+CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
+QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+FACES = [triangle for a, b, c, d in QUADS for triangle in ((a, b, c), (a, c, d))]
+
+
+def make_cube(size, centre=(0, 0, 0)):
+    return Mesh.from_arrays(np.asarray(centre, np.float64) + size * (CORNERS - 0.5), FACES)
+
+
+def directions_around(count, seed):
+    directions = np.random.default_rng(seed).normal(size=(count, 3))
+    return directions / np.linalg.norm(directions, axis=1)[:, None]
+
+
+def expected_t(origins, directions, half):
+    """Where rays enter a cube around 0; infinity where they miss."""
+    with np.errstate(divide="ignore"):
+        near = -np.sign(directions) * half
+        enter = ((near - origins) / directions).max(axis=1)
+        leave = ((-near - origins) / directions).min(axis=1)
+    return np.where(enter <= leave, enter, np.inf)
+
+
+def resolution(mesh, rays, hits):
+    """How far float32 may be off in t: sixteen roundings along the ray, and across it on a slanted plane."""
+    reach = np.abs(rays[0]).max(axis=1) + np.ptp(mesh.vertices, axis=0).max()
+    length = np.linalg.norm(rays[1], axis=1)
+    cosine = np.abs((hits.normals * rays[1]).sum(axis=1)) / length
+    with np.errstate(divide="ignore"):
+        return 16 * 2.0**-24 * reach * (1 + 1 / cosine) / length
+
+
+def assert_same(obtained, expected):
+    for field in FIELDS:
+        assert getattr(obtained, field).tobytes() == getattr(expected, field).tobytes(), field
 
 
 @pytest.fixture(scope="module")
-def mesh():
-    return make_shape("blobs", triangles=640)
-
-
-@pytest.fixture(scope="module")
-def rays(mesh):
-    generator = np.random.default_rng(7)
-    near, (origins, directions) = hard_rays(mesh, COUNT, generator), hard_rays(mesh, COUNT, generator)
-    # Some start a thousand sizes away, where they are advanced on their way to the device.
-    return np.concatenate((near[0], origins - 1024.0 * directions)), np.concatenate((near[1], directions))
+def expected(tracer, rays):
+    return tracer.closest_hit(*rays)
 
 
 def ask(mesh, rays, layout, unit, length, device):
@@ -68,7 +104,11 @@ def ask(mesh, rays, layout, unit, length, device):
 
 @pytest.mark.filterwarnings("ignore:overflow encountered in ldexp")
 @pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
-def test_every_size_gives_the_same_bits(session, mesh, rays, layout):
+def test_every_size_gives_the_same_bits(session, layout):
+    mesh, generator = make_shape("blobs", triangles=640), np.random.default_rng(7)
+    near, (origins, directions) = hard_rays(mesh, COUNT, generator), hard_rays(mesh, COUNT, generator)
+    # Some start a thousand sizes away, where they are advanced on their way to the device.
+    rays = np.concatenate((near[0], origins - 1024.0 * directions)), np.concatenate((near[1], directions))
     expected = ask(mesh, rays, layout, 0, 0, session.info)
     assert 0.3 < (expected["prim_id"] >= 0).mean() < 0.95
     assert 0 < (expected["limited"] != expected["prim_id"]).sum() < COUNT
@@ -83,34 +123,196 @@ def test_every_size_gives_the_same_bits(session, mesh, rays, layout):
 def test_the_t_of_a_hit_is_never_that_of_a_miss(session):
     """A t beyond float64 is its largest number."""
     mesh = Mesh.from_arrays(np.ldexp([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], 490), [[0, 1, 2]])
-    origin = np.ldexp([[0.25, 0.25, 1]], 490)
-    with Tracer(build(mesh), device=session.info) as tracer:
-        hits = tracer.closest_hit(origin, [[0, 0, -(2.0**-900)]])
+    with Tracer(mesh, device=session.info) as tracer:
+        hits = tracer.closest_hit(np.ldexp([[0.25, 0.25, 1]], 490), [[0, 0, -(2.0**-900)]])
     assert hits.prim_id.tolist() == [0]
     assert hits.t.tolist() == [np.finfo(np.float64).max]
 
 
-@pytest.mark.parametrize("size", [1e-3, 0.1, 1e-17, 1e19])
+@pytest.mark.parametrize("size", [0.1, 1e-17, 1e19])
 def test_hits_are_on_the_files_own_planes(session, size):
     """A box's corner is no float32, and its face is hit where float64 has it."""
     low, high = -size / 3, size * 0.7
-    corners = np.array([[x, y, z] for x in (low, high) for y in (low, high) for z in (low, high)])
-    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    mesh = Mesh.from_arrays(corners, [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))])
     across = np.random.default_rng(1).uniform(-0.3, 0.6, (50, 2)) * size
-    with Tracer(build(mesh), device=session.info) as tracer:
+    with Tracer(Mesh.from_arrays(np.where(CORNERS, high, low), FACES), device=session.info) as tracer:
         for axis in range(3):
-            origins = np.insert(across, axis, 5 * size, axis=1)
-            directions = np.tile(-np.eye(3)[axis], (len(origins), 1))
-            hits = tracer.closest_hit(origins, directions)
+            rays = np.insert(across, axis, 5 * size, axis=1), -np.eye(3)[axis]
+            hits = tracer.closest_hit(*rays)
             assert (hits.locations[:, axis] == high).all()
             np.testing.assert_allclose(hits.t, 5 * size - high, rtol=1e-15)
-            assert (
-                tracer.all_hits(origins, directions, with_locations=True).locations[1::2, axis].tolist() == [low] * 50
-            )
+            assert (tracer.all_hits(*rays, with_locations=True).locations[1::2, axis] == low).all()
             points = np.insert(across, axis, 0.69 * size, axis=1)
             nearest = tracer.closest_point(points)
-            assert (nearest.point[:, axis] == high).mean() > 0.5
             on_face = nearest.point[:, axis] == high
+            assert on_face.mean() > 0.5
             np.testing.assert_allclose(nearest.distance[on_face], high - 0.69 * size, rtol=1e-12)
             assert tracer.signed_distance(points).min() > 0
+
+
+def test_survey_coordinates_lose_nothing(session, mesh, rays):
+    for size in (1e-3, 1.0, 100.0):
+        # Multiples of a power of two far above float64's rounding there, so that the shift itself is exact.
+        step = 2.0**-23
+        vertices, origins = (np.round(array * size / step) * step for array in (mesh.vertices, rays[0]))
+        with (
+            Tracer(Mesh.from_arrays(vertices, mesh.faces), device=session.info) as near,
+            Tracer(Mesh.from_arrays(vertices + SURVEY, mesh.faces), device=session.info) as far,
+        ):
+            hits = far.closest_hit(origins + SURVEY, rays[1])
+            assert_same(hits, near.closest_hit(origins, rays[1]))
+        found = hits.is_hit
+        on_ray = origins[found] + SURVEY + hits.t[found, None] * rays[1][found]
+        assert np.quantile(np.linalg.norm(hits.locations[found] - on_ray, axis=1), 0.99) < 1e-5
+
+
+@pytest.mark.parametrize("centre", [(0, 0, 0), SURVEY], ids=["at-zero", "survey"])
+@pytest.mark.parametrize("distance", [0.02, 1.0, 10 * KILOMETRE])
+def test_a_box_of_a_millimetre(session, centre, distance):
+    mesh, half = make_cube(MILLIMETRE, centre), MILLIMETRE / 2
+    to_box = directions_around(4000, 1)
+    # Aimed anywhere into twice the box: about half of the rays hit.
+    target = np.random.default_rng(2).uniform(-1, 1, (4000, 3)) * MILLIMETRE * 0.7
+    origins = mesh.origin + target - distance * to_box
+    local = origins - mesh.origin
+    t = expected_t(local, to_box, half)
+    # What float64 makes of the coordinates, relative to the box.
+    rounding = 4 * np.spacing(np.abs(origins).max() + np.abs(mesh.origin).max())
+    larger, smaller = (
+        np.isfinite(expected_t(local, to_box, half * (1 + way * 1e-6) + way * 8 * rounding)) for way in (1, -1)
+    )
+    clear = larger == smaller
+    assert clear.mean() > 0.99
+    with Tracer(mesh, device=session.info) as tracer:
+        hits = tracer.closest_hit(origins, to_box)
+        np.testing.assert_array_equal(tracer.any_hit(origins, to_box), hits.is_hit)
+    assert 0.2 < hits.is_hit.mean() < 0.8
+    np.testing.assert_array_equal(hits.is_hit[clear], np.isfinite(t[clear]))
+    sure = clear & hits.is_hit
+    # A slanted face makes more of a shift across the ray, up to the box's edge.
+    cosine = np.abs((hits.normals[sure] * to_box[sure]).sum(axis=1))
+    assert (np.abs(hits.t[sure] - t[sure]) <= (rounding + MILLIMETRE * 2**-24) / np.maximum(cosine, 1e-9)).all()
+    assert np.abs(hits.locations[sure] - mesh.origin).max() <= half * (1 + 1e-6) + rounding
+
+
+def test_limits_of_a_ray_from_far_away(session):
+    far = 10 * KILOMETRE
+    rays = [[0.0001, 0.0002, -far]], [[0, 0, 1.0]]
+    front, back = far - MILLIMETRE / 2, far + MILLIMETRE / 2
+    with Tracer(make_cube(MILLIMETRE), device=session.info) as tracer:
+        for t_min, t_max, expected in (
+            (0, np.inf, front),
+            (far, np.inf, back),
+            (0, far, front),
+            (far - MILLIMETRE / 4, far + MILLIMETRE / 4, np.inf),
+            (0, front - MILLIMETRE / 100, np.inf),
+            (back + MILLIMETRE / 100, np.inf, np.inf),
+        ):
+            hits = tracer.closest_hit(*rays, t_min=t_min, t_max=t_max)
+            assert hits.t[0] == pytest.approx(expected, abs=MILLIMETRE * 2**-20)
+            assert tracer.any_hit(*rays, t_min=t_min, t_max=t_max)[0] == np.isfinite(expected)
+
+
+def test_a_grid_stays_a_grid_from_far_away(session):
+    """Exactly through vertices, edges and diagonals: the t of the grid, and of several triangles the same one."""
+    mesh = make_cube(2.0)
+    targets = np.array([[x, y, -1.0] for x in (-0.5, 0, 0.5) for y in (-0.5, 0, 0.5)])
+    with Tracer(mesh, device=session.info) as tracer:
+        for step in ([0, 0, 1], [1, 2, 4], [-3, 1, 8]):
+            directions = np.tile(np.float64(step), (len(targets), 1))
+            near = tracer.closest_hit(targets - 2 * directions, directions)
+            for distance in (2.0, 2.0**10, 2.0**30, 1_000_003.0):
+                hits = tracer.closest_hit(targets - distance * directions, directions)
+                np.testing.assert_array_equal(hits.t, distance)
+                np.testing.assert_array_equal(hits.locations, targets)
+                np.testing.assert_array_equal(hits.prim_id, near.prim_id)
+        # Corners of the box that far rays are cut off with, whatever float64 makes of the distances.
+        for step in ([3, -1, 8], [-3, 7, 5], [10, 3, -7], [13, -11, 12]):
+            directions = np.sign(mesh.vertices) * step
+            for distance in (3, 100_003, 1_234_567):
+                hits = tracer.closest_hit(mesh.vertices - distance * directions, directions)
+                np.testing.assert_array_equal(hits.t, distance)
+
+
+def test_a_far_origin_advances_by_whole_steps():
+    """By a distance of few digits, so that a ray through a point still meets it."""
+    bvh = build(make_cube(2.0))
+    for step in ([1.0, 2.0, 4.0], [-3.0, 1.0, 8.0]):
+        targets = np.random.default_rng(5).integers(-(2**18), 2**18, (100, 3)) * 2.0**-18
+        packed = np.zeros(len(targets), PACKED_RAY)
+        rays, _ = read_rays(targets - 1_000_003 * np.float64(step), np.float64(step), 0.0, np.inf)
+        pack_rays(rays, rays.part(0, len(targets)), TreeBox.around(bvh), packed)
+        advanced = packed["t_max"] > 0
+        assert advanced.mean() > 0.9
+        left = (targets[advanced] - packed["origin"][advanced] / bvh.mesh.scale) / step
+        assert (np.abs(left) < 100).all()
+        np.testing.assert_array_equal(left, left[:, :1].repeat(3, axis=1))
+        # A step is an eighth to a quarter of the box's size, a power of two.
+        np.testing.assert_array_equal(left[:, 0] % 0.03125, 0)
+
+
+def test_a_vertex_of_no_triangle_hides_nothing(session):
+    """The triangles lie on one side of the centre, to which the box of the tree is symmetric."""
+    directions = directions_around(500, 9)
+    origins = np.random.default_rng(10).uniform(-0.4, 0.4, (500, 3)) - 1e4 * directions
+    for side in (-1, 1):
+        vertices = np.concatenate((make_cube(1.0).vertices, [[40.0 * side] * 3]))
+        with Tracer(Mesh.from_arrays(vertices, FACES), device=session.info) as tracer:
+            assert tracer.closest_hit(origins, directions).is_hit.all()
+            assert tracer.contains([[0, 0, 0], [0.4, 0.4, 0.4], [-0.4, -0.4, -0.4]]).all()
+
+
+def test_origins_beyond_float32_hit_and_those_beyond_float64_are_named(tracer, session):
+    for far in (1e5, -1e7, 1e39, -1e45, 1e300):
+        hits = tracer.closest_hit([[0.725, 0.01, far], [5 * far, far, 0]], [[0, 0, -np.sign(far)], [0, 0, 1]])
+        assert hits.is_hit.tolist() == [True, False]
+        near = tracer.closest_hit([0.725, 0.01, 5 * np.sign(far)], [0, 0, -np.sign(far)])
+        assert hits.prim_id[0] == near.prim_id
+        assert hits.t[0] == pytest.approx(abs(far) + near.t - 5, rel=2.0**-50)
+    tiny, rays = make_cube(1e-100), ([[0, 0, 1e200], [0, 0, 1e300]], [[0, 0, -1]] * 2)
+    with Tracer(tiny, device=session.info) as opened:
+        for query in (opened.closest_hit, opened.all_hits, opened.any_hit, opened.count_hits):
+            with pytest.raises(QueryError, match=r"^origins\[1\] is too far from the mesh"):
+                query(*rays)
+        for query in (opened.closest_point, opened.contains, opened.signed_distance):
+            with pytest.raises(QueryError, match=r"^points\[1\] is too far from the mesh"):
+                query(rays[0])
+
+
+def test_t_counts_in_lengths_of_the_direction(tracer, rays, expected):
+    for length in (1e-30, 1e-3, 1e30):
+        hits = tracer.closest_hit(rays[0], rays[1] * length)
+        # Another rounding of the direction: hits on an edge may go to the neighbour, or beside the silhouette.
+        same = hits.prim_id == expected.prim_id
+        assert same.mean() > 0.7
+        np.testing.assert_allclose(hits.t[same] * np.float64(length), expected.t[same], rtol=1e-4)
+    for length in (5e-324, 1e-310, 1e-45, 1e308):
+        ends = [[0.725, 0, 5], [9, 0, 5]], [[0, 0, -length]]
+        assert tracer.closest_hit(*ends).is_hit.tolist() == tracer.any_hit(*ends).tolist() == [True, False]
+
+
+def test_limits_cut_at_both_ends(tracer, mesh, rays, expected):
+    found, even = expected.is_hit, np.arange(len(expected)) % 2 == 0
+    for way in (1, 1e-30, 1e30):
+        longer = rays[0], rays[1] * way
+        hits = tracer.closest_hit(*longer)
+        slack = resolution(mesh, longer, hits)
+        assert not tracer.any_hit(*longer, t_max=np.where(hits.is_hit, hits.t - slack, np.inf)).any()
+        t_max = np.where(hits.is_hit, hits.t + slack, 0)
+        np.testing.assert_array_equal(tracer.any_hit(*longer, t_max=t_max), hits.is_hit)
+    slack = resolution(mesh, rays, expected)
+    middle = float(np.median(expected.t[found]))
+    near = found & (expected.t <= np.float32(middle))
+    np.testing.assert_array_equal(tracer.closest_hit(*rays, t_max=middle).is_hit, near)
+    np.testing.assert_array_equal(tracer.any_hit(*rays, t_max=middle), near)
+    # Just before the hit it is allowed; what comes just after it is asked for every second ray.
+    t_min = np.where(found, np.maximum(expected.t + np.where(even, -slack, slack), 0), 0)
+    hits = tracer.closest_hit(*rays, t_min=t_min)
+    np.testing.assert_array_equal(hits.t[even], expected.t[even])
+    assert (hits.t[~even & found] > expected.t[~even & found]).all()
+    np.testing.assert_array_equal(tracer.any_hit(*rays, t_min=t_min), hits.is_hit)
+    for low, high in ((np.where(found, expected.t, 0), np.inf), (0, expected.t)):
+        hits = tracer.closest_hit(*rays, t_min=low, t_max=high)
+        assert ((hits.t >= low) & (hits.t <= high))[hits.is_hit].all()
+    for low, high in ((2, 1), (0, -1), (np.inf, np.inf), (0, -np.inf), (1e300, np.inf)):
+        assert (tracer.closest_hit(*rays, t_min=low, t_max=high).t == np.inf).all()
+    assert_same(tracer.closest_hit(*rays, t_max=1e300), expected)
