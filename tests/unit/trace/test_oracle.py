@@ -1,0 +1,269 @@
+"""The oracles, for meshes and for scenes: right answers by formula pass, each wrong one is found, doubt is admitted."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clbvh import Mesh, Spheres, make_shape
+from clbvh.structs import NO_PRIM
+from clbvh.trace.check.instances import Tolerance, find_instances
+from clbvh.trace.check.intersections import Rays
+from clbvh.trace.check.reference import Reference
+from clbvh.trace.hits.hits import Hits
+
+from ...all_hits_reference import find_wrong_crossings
+from ...mesh_reference import Difference, find_differences
+from ...rays import aim, mesh_as_on_device
+from .scene_states import affine, make_state, random_linear, turn
+
+NAN, INF = np.nan, np.inf
+SQUARE = Mesh.from_arrays([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+BALL = Spheres([[0, 0, 0]], 1.0)
+SHEAR = np.array([[1, 0.5, 0], [0, 1, 0.25], [0, 0, 1]])
+NOT_HERE = "the ray does not cross this primitive at this t"
+TWIN = "an equal primitive in the same place has smaller ids"
+
+
+def judge(mesh, origin, direction, *hit):
+    """What the oracle has against a hit (t, u, v, face) of a mesh, or against a miss."""
+    fields = hit or (INF, 0, 0, NO_PRIM)
+    hits = Hits(*(np.array([field], np.float32) for field in fields[:3]), np.array(fields[3:], np.int32))
+    return find_differences(mesh, np.array([origin], float), np.array([direction], float), hits)
+
+
+def test_hits_of_a_triangle_are_judged():
+    """Of a right triangle at z = 0, the same one at z = -1, and one that is a line."""
+    right = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    mesh = mesh_as_on_device(np.concatenate((right, right - [0, 0, 1], right[1:2] * [[2], [3], [4]])),
+                             np.arange(9).reshape(3, 3))  # fmt: skip
+    down, up, origin = [0, 0, -1], [0, 0, 1], [0.25, 0.5, 2]
+    passing = [
+        (origin, down, 2, 0.25, 0.5, 0),
+        ([0.25, 0.5, -3], up, 2, 0.25, 0.5, 1),
+        (origin, [0, 0, -1e12], 2e-12, 0.25, 0.5, 0),
+        (origin, up),
+        ([0.75, 0.5, 2], down),
+        ([3, 0, 2], down),  # the line
+        # On an edge, in the plane, and from the surface, more than one answer is right.
+        *(([x, y, 2], down, *hit) for x, y in ((0, 0), (1, 0), (0, 0.5), (0.5, 0.5))
+          for hit in ((), (2, x, y, 0), (3, x, y, 1))),
+        ([-1, 0.25, 0], [1, 0, 0]), ([-1, 0.25, 0], [1, 0, 0], 1.5, 0.5, 0.25, 0),
+        ([0.25, 0.5, 0], down, 0, 0.25, 0.5, 0), ([0.25, 0.5, 0], down, 1, 0.25, 0.5, 1),
+    ]  # fmt: skip
+    for row in passing:
+        assert judge(mesh, *row) == [], row
+    failing = [
+        ([0.25, 0.5, -3], up, 3, 0.25, 0.5, 0),
+        (origin, [0, 0, -1e12], 2.0001e-12, 0.25, 0.5, 0),
+        ([0, 0.5, 2], down, 2, -1e-7, 0.5, 0), ([0.5, 0, 2], down, 2, 0.5, -1e-7, 0),
+        ([0.5, 0.5, 2], down, 2, 0.5, 0.500002, 0),
+        ([0.5, 1e-5, 2], down), ([0.5, -1e-5, 2], down, 2, 0.5, 0, 0),
+        ([-1, 1.5, 0], [1, 0, 0], 1, 0, 1, 0),
+        ([3, 0, 2], down, 2, 1, 0, 2),
+        *(([5, 5, 2], down, *hit) for hit in ((2, 0, 1, 0), (1, 0.5, 0.5, 1), (NAN, 0, 0, 0), (5, 0, 0, NO_PRIM))),
+    ]  # fmt: skip
+    for row in failing:
+        assert len(judge(mesh, *row)) == 1, row
+    wrong = [
+        (), (3, 0.25, 0.5, 1), *((2, 0.25, 0.5, prim) for prim in (1, 2, 3, 2**31 - 1, -2)),
+        *((t, 0.25, 0.5, 0) for t in (1.9999, 2.0001, -2, NAN, INF)), (2, 0.5, 0.25, 0), (2, 0.2501, 0.5, 0),
+        (2, 0.25, 0.4999, 0), (2, NAN, 0.5, 0), (2, 0.25, NAN, 0),
+    ]  # fmt: skip
+    for hit in wrong:
+        (found,) = judge(mesh, origin, down, *hit)
+        assert (found.ray, found.expected_t, found.expected_prim_id) == (0, 2, 0), hit
+    text = "ray 12: obtained t = 2.5 on triangle 3, expected t = 2 on triangle 1"
+    assert str(Difference(12, 2.5, 3, 2.0, 1)) == text
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e8])
+def test_small_errors_on_a_sphere_are_found(scale):
+    """From the centre every ray hits at t = 1, on the face that it was aimed at."""
+    unit, generator = make_shape("icosphere", triangles=320), np.random.default_rng(40)
+    mesh = mesh_as_on_device(unit.vertices * scale, unit.faces)
+    prims = generator.permutation(mesh.face_count)
+    weights = (generator.dirichlet([2, 2, 2], len(prims)) + 0.02) / 1.06
+    points = np.einsum("ni,nij->nj", weights, mesh.vertices[mesh.faces[prims]])
+    origins, directions = aim(np.zeros_like(points), points)
+    hits = Hits(np.ones(len(prims), np.float32), *weights.T[1:].astype(np.float32), prims.astype(np.int32))
+    assert find_differences(mesh, origins, directions, hits) == []
+    for wrong in (
+        replace(hits, prim_id=np.roll(hits.prim_id, 1)),
+        replace(hits, t=hits.t * np.float32(1 - 1e-5)),
+        replace(hits, t=hits.t * np.float32(1 + 1e-5)),
+        replace(hits, u=hits.u + np.float32(1e-3)),
+    ):
+        assert len(find_differences(mesh, origins, directions, wrong)) == mesh.face_count
+    assert len(find_differences(mesh, origins, -directions, hits)) == mesh.face_count
+    is_seventh = np.arange(len(prims)) == 7
+    missed = replace(hits, t=np.where(is_seventh, INF, hits.t), prim_id=np.where(is_seventh, NO_PRIM, hits.prim_id))
+    (found,) = find_differences(mesh, origins, directions, missed)
+    assert (found.ray, found.expected_prim_id) == (7, hits.prim_id[7])
+
+
+def hit(t, instance, geometry, prim, u, v):
+    fields = {"t": t, "instance_id": instance, "geometry_id": geometry, "prim_id": prim, "u": u, "v": v}
+    return SimpleNamespace(**{name: np.atleast_1d(value) for name, value in fields.items()})
+
+
+MISS = hit(INF, -1, -1, -1, 0.0, 0.0)
+DOWN = [[0.5, 0.25, 2]], [[0, 0, -1]]  # in the face 0 of the square, with u = 0.125 and v = 0.625
+HERE = (0.125, 0.625)
+
+
+def reasons(state, ray, hits, **limits):
+    return [found.reason for found in Reference(state).find_differences(Rays.make(*ray, **limits), hits)]
+
+
+def test_hits_in_a_scene_are_judged():
+    state, away = make_state([SQUARE], (0, affine()), (0, affine(offset=(0, 0, -1)))), (DOWN[0], [[0, 0, 1]])
+    assert reasons(state, DOWN, hit(2.0, 0, 0, 0, *HERE)) == reasons(state, away, MISS) == []
+    for wrong, reason in (
+        (MISS, "a primitive is surely hit"),
+        (hit(3.0, 1, 0, 0, *HERE), "another primitive is surely hit before it"),
+        (hit(2.0, 0, 0, 1, *HERE), NOT_HERE),
+        (hit(2.0001, 0, 0, 0, *HERE), NOT_HERE),
+        (hit(NAN, 0, 0, 0, *HERE), NOT_HERE),
+        (hit(2.0, 7, 0, 0, *HERE), NOT_HERE),
+        *((hit(2.0, 0, 0, 0, u, 0.625), "u and v name a point") for u in (0.1251, NAN, -0.125)),
+        (hit(2.0, 0, 1, 0, *HERE), "this is not the geometry of the instance"),
+    ):
+        (found,) = reasons(state, DOWN, wrong)
+        assert found.startswith(reason), wrong
+    for wrong in (hit(INF, 0, -1, -1, 0, 0), hit(INF, -1, 0, -1, 0, 0), hit(5.0, -1, -1, -1, 0, 0)):
+        assert reasons(state, away, wrong) == ["a miss has no t and no ids"]
+    for limits, expected, is_decided in (
+        ({"t_min": 2.5}, 1, True), ({"t_max": 1.5}, -1, True), ({"t_min": 2.5, "t_max": 2.75}, -1, True),
+        ({"t_max": 2.0}, -1, False), ({"t_min": 2.0}, 1, False),
+    ):  # fmt: skip
+        found = Reference(state).closest_hit(Rays.make(*DOWN, **limits))
+        assert (found.instance_id[0], found.is_decided[0]) == (expected, is_decided), limits
+    for beside, is_decided in ((1e-7, False), (-1e-7, False), (1e-3, True), (-1e-3, True)):
+        ray = [[1 + beside, 0.25, 2]], [[0, 0, -1]]
+        assert Reference(state).closest_hit(Rays.make(*ray)).is_decided[0] == is_decided, beside
+        assert len(reasons(state, ray, MISS)) == (beside == -1e-3)
+    assert reasons(make_state([SQUARE]), DOWN, MISS) == []
+
+
+def test_of_equal_primitives_in_one_place_the_first_wins():
+    sheared = affine(SHEAR)
+    ray, uv = ([[0.5, 0.125, 2]], [[0, 0, -1]]), (0.15625, 0.5625)
+    state = make_state([SQUARE], (0, sheared, 1), (0, sheared, 1), (0, sheared, 2))
+    for instance, mask, found in ((0, 3, []), (1, 3, [TWIN]), (2, 1, [NOT_HERE]), (2, 2, [])):
+        assert reasons(state, ray, hit(2.0, instance, 0, 0, *uv), mask=mask) == found, (instance, mask)
+    twice = Mesh.from_arrays(SQUARE.vertices, np.concatenate((SQUARE.faces, SQUARE.faces)))
+    for prim, found in ((0, []), (2, [TWIN])):
+        assert reasons(make_state([twice], (0, affine())), DOWN, hit(2.0, 0, 0, prim, *HERE)) == found
+    touching = make_state([SQUARE], (0, affine()), (0, affine((1, 1, 2))))
+    assert not Reference(touching).closest_hit(Rays.make(*DOWN)).is_decided
+    for instance in (0, 1):
+        assert reasons(touching, DOWN, hit(2.0, instance, 0, 0, *HERE)) == []
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1.0, 1e30])
+@pytest.mark.parametrize("offset", [0.0, 1e7])
+def test_any_transform_against_a_linear_system(scale, offset):
+    for seed in range(3):
+        generator = np.random.default_rng(seed)
+        linear, move = random_linear(generator) * scale, generator.normal(size=3) * offset * scale
+        state = make_state([SQUARE], (0, affine(linear, move)))
+        u, v = generator.dirichlet([2, 2, 2], 50).T[:2]
+        a, b, c = SQUARE.vertices[SQUARE.faces[0]]
+        points = (a + u[:, None] * (b - a) + v[:, None] * (c - a)) @ linear.T + move
+        t, directions = generator.uniform(0.5, 2, 50), generator.normal(size=(50, 3)) * scale
+        rays = Rays.make(points - t[:, None] * directions, directions)
+        found = Reference(state).closest_hit(rays)
+        assert found.is_decided.sum() > 40
+        assert (found.prim_id[found.is_decided] == 0).all()
+        np.testing.assert_allclose(found.t[found.is_decided], t[found.is_decided], rtol=1e-6)
+        for error, wrong in ((0, 0), (0.01, 50)):
+            hits = hit(t, *np.zeros((3, 50), int), u + error, v)
+            assert len(Reference(state).find_differences(rays, hits)) == wrong
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1.0, 1e30])
+def test_spheres_under_any_transform_against_the_quadratic_equation(scale):
+    for seed in range(3):
+        generator = np.random.default_rng([31, seed])
+        linear, move = random_linear(generator) * scale, generator.normal(size=3) * scale
+        inside = generator.normal(size=(40, 3))
+        inside *= 0.9 * generator.uniform(size=(40, 1)) / np.linalg.norm(inside, axis=1, keepdims=True)
+        directions = generator.normal(size=(40, 3)) * scale
+        origins = inside @ linear.T + move - 3 * directions
+        o, d = ((np.linalg.inv(linear) @ values.T).T for values in (origins - move, directions))
+        a, b, c = (d * d).sum(axis=1), (o * d).sum(axis=1), (o * o).sum(axis=1) - 1
+        root = np.sqrt(b * b - a * c)
+        reference = Reference(make_state([BALL], (0, affine(linear, move))))
+        found = reference.intersections(Rays.make(origins, directions))
+        for side, t in ((-1, (-b - root) / a), (1, (-b + root) / a)):
+            ray = found.ray_id[found.side == side]
+            np.testing.assert_allclose(found.t[found.side == side], t[ray], rtol=1e-9, atol=1e-9)
+            assert set(np.flatnonzero(t > 1e-3)) <= set(ray)
+
+
+def test_the_rim_of_a_sphere_is_doubtful_and_its_angles_are_not():
+    reference = Reference(make_state([BALL], (0, affine())))
+    for beside, least, most in ((1 - 1e-7, 0, 2), (1 + 1e-7, 0, 2), (1 - 1e-4, 2, 2), (1 + 1e-4, 0, 0)):
+        assert reference.count_range(Rays.make([[beside, 0, -3]], [[0, 0, 1]])) == (least, most), beside
+    # There, t may be anywhere on the chord, of which half is the root of 2e-6.
+    found = reference.intersections(Rays.make([[1 - 1e-6, 0, -3]], [[0, 0, 1]]))
+    assert found.t_low[0] < 3 - 1.4e-3
+    assert found.t_high[1] > 3 + 1.4e-3
+    assert (abs(found.t - 3) < 1.5e-3).all()
+    state = make_state([Spheres([[1, 0, 0], [9, 9, 9]], [0.5, 0.1])], (0, affine((1, 2, 1))))
+    for u, v, wrong in ((0.75, 0.5, 0), (0.25, 0.5, 1), (0.7501, 0.5, 1), (0.75, 0.5001, 1), (1.75, 0.5, 1)):
+        assert len(reasons(state, ([[1, -3, 0]], [[0, 1, 0]]), hit(2.0, 0, 0, 0, u, v))) == wrong, (u, v)
+
+
+def test_all_hits_of_a_ray_are_judged():
+    """Through three squares, two of which coincide."""
+    reference = Reference(make_state([SQUARE], *((0, affine(offset=(0, 0, z))) for z in (1, 0, 1))))
+
+    def is_wrong(rows, ray=DOWN):
+        t, instance, prim, u, v = np.array(rows, np.float64).reshape(-1, 5).T
+        hits = hit(t, instance.astype(int), np.zeros(len(t), int), prim.astype(int), u, v)
+        hits.offsets = np.array([0, len(t)])
+        return find_wrong_crossings(reference, Rays.make(*ray), hits).tolist() == [0]
+
+    first, second, third = right = (1, 0, 0, *HERE), (1, 2, 0, *HERE), (2, 1, 0, *HERE)
+    assert not is_wrong(right)
+    assert reference.count_range(Rays.make(*DOWN)) == (3, 3)
+    for rows in (
+        right[1:], (first, third), right[:2],  # one is missing
+        (second, first, third), (first, third, second), (first, third, (2, *second[1:])),  # the order
+        (*right, third), (*right, (2, 1, 1, *HERE)),  # one too many
+        (first, second, (2, 1, 0, 0.125, 0.6)), (first, second, (2.0001, *third[1:])),
+    ):  # fmt: skip
+        assert is_wrong(rows), rows
+    # At an edge, twins are both there or both not.
+    first, second, third = ((*row[:3], 0.375, 0.625) for row in right)
+    for rows, expected in (
+        ((first, second, third), False),
+        ((first, second), False),
+        ((), False),
+        ((first, third), True),
+    ):
+        assert is_wrong(rows, ([[1.0, 0.25, 2]], [[0, 0, -1]])) == expected, rows
+
+
+def test_the_doubt_grows_with_distance_and_shear_and_is_a_parameter():
+    state = make_state([SQUARE], (0, affine()))
+    heights = (Rays.make([[0.5, 0.25, height]], [[0, 0, -1]]) for height in (1.0, 10.0, 100.0, 1000.0))
+    found = [Reference(state).intersections(rays) for rays in heights]
+    widths = [float(one.t_high[0] - one.t_low[0]) for one in found]
+    # Until the ray is advanced.
+    assert widths[0] < widths[1] < widths[2]
+    assert widths[3] == pytest.approx(widths[2], rel=1e-4)
+    for linear, least, most in (((1, 1, 1), 1, 1), ((1, 1e-3, 1e3), 1, 1), (SHEAR, 1.5, 3), (turn(2, 0.5), 1.5, 3)):
+        assert least <= find_instances(make_state([SQUARE], (0, affine(linear))))[0].growth <= most
+    rays = Rays.make([[1 - 1e-3, 0.25, 2]], [[0, 0, -1]])
+    assert Reference(state).closest_hit(rays).is_decided
+    assert not Reference(state, Tolerance(entering=2.0**-8)).closest_hit(rays).is_decided
+    # Far away, instances are compared in float32; one of them alone is as certain as one here.
+    placed = ((0, affine(offset=(0, 0, z))) for z in (-1e7, -1e7 - 0.5, 0))
+    far, down = Reference(make_state([SQUARE], *placed)), Rays.make([[0.5, 0.25, -3]], [[0, 0, -1]])
+    assert not far.closest_hit(down).is_decided
+    found = far.intersections(down)
+    assert (found.t_high - found.t_low < 4e-4).all()

@@ -1,0 +1,157 @@
+"""Parts of point queries: of equally near faces the one that faces the point; trees over chosen instances."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+
+from clbvh import BuildOptions, Mesh, Scene, Spheres, Tracer, make_shape
+from clbvh.builders.build import build_tree
+from clbvh.geometry.corners import Boxes
+from clbvh.geometry.smooth_normals import find_vertex_faces
+from clbvh.integrations.trimesh.nearest import choose_facing
+from clbvh.structs import INSTANCE
+from clbvh.trace.points.refine import ClosestPoints
+from clbvh.trace.world.top_tree import prune_top
+
+TOLERANCE = 1e-8
+
+
+def choose(mesh, points, closest):
+    """What was found, after the choice."""
+    chosen = ClosestPoints(*(array.copy() for array in closest))
+    choose_facing(np.ascontiguousarray(points, float), mesh, find_vertex_faces(mesh), TOLERANCE, chosen)
+    return chosen
+
+
+def cosines_of(mesh, points):
+    """How directly each face that is as near as the nearest one faces each point; -inf for the others."""
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    cosines = []
+    for point in points:
+        ways = point - trimesh.triangles.closest_point(corners, np.tile(point, (len(corners), 1)))
+        squared = (ways**2).sum(axis=1)
+        cosine = (ways * normals).sum(axis=1) / np.sqrt(squared)
+        cosines.append(np.where(squared < squared.min() + TOLERANCE, cosine, -np.inf))
+    return np.array(cosines)
+
+
+@pytest.mark.parametrize("is_soup", [False, True])
+@pytest.mark.parametrize("shape", ["boxes", "blobs"])
+def test_no_face_faces_more_directly(session, shape, is_soup):
+    mesh = make_shape(shape, triangles=300)
+    if is_soup:
+        mesh = Mesh.from_arrays(mesh.vertices[mesh.faces].reshape(-1, 3), np.arange(3 * mesh.face_count).reshape(-1, 3))
+    points = mesh.origin + np.random.default_rng(75).uniform(-1, 1, (500, 3)) * np.ptp(mesh.vertices, axis=0).max()
+    with Tracer(mesh, device=session.info) as tracer:
+        found = tracer.closest_point(points)
+    chosen, cosines = choose(mesh, points, found), cosines_of(mesh, points)
+    np.testing.assert_allclose(cosines[np.arange(500), chosen.prim_id], cosines.max(axis=1), atol=1e-6)
+    np.testing.assert_allclose(chosen.distance, found.distance, rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(points - chosen.point, axis=1), chosen.distance, rtol=1e-9)
+    # The test can fail: the device's choice is another one.
+    assert (cosines[np.arange(500), found.prim_id] < cosines.max(axis=1) - 1e-3).sum() > 10
+
+
+def test_the_face_that_faces_special_points():
+    ball, corner = make_shape("icosphere", triangles=80), [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    sheet = Mesh.from_arrays(corner[:3], [[0, 1, 2], [0, 2, 1]])
+    square = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    on_ball = int(np.flatnonzero((ball.faces == 0).any(axis=1)).max())
+
+    def over_a_corner(scale):
+        mesh = Mesh.from_arrays(np.array(corner) * scale, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+        return mesh, [0.1 * scale, 0.2 * scale, 3 * scale], [0, 0, scale], 1
+
+    for mesh, point, nearest, face, expected in (
+        (sheet, [0.2, 0.2, 1.0], [0.2, 0.2, 0], 0, 0),
+        (sheet, [0.2, 0.2, -1.0], [0.2, 0.2, 0], 0, 1),
+        (square, [0.5, 0.5, 2.0], [0.5, 0.5, 0], 1, 0),  # of faces in one plane, the smallest number
+        (ball, ball.vertices[0], ball.vertices[0], on_ball, on_ball),
+        (ball, [3.0, 0, 0], [np.nan] * 3, -1, -1),
+        *((ball, [far, 0, 0], ball.vertices[0], 3, 3) for far in (1e10, 1e200, 1e300)),
+        # Above the tolerance faces are chosen whatever the size.
+        *((*over_a_corner(scale), 3) for scale in (1e20, 1e100)),
+        *((*over_a_corner(scale), 1) for scale in (1e-20, 1e-100)),
+    ):
+        distance = np.linalg.norm(np.subtract(point, nearest) / 1e200) * 1e200 if face >= 0 else np.inf
+        found = ClosestPoints(np.array([distance]), np.array([nearest], float), np.array([face], np.int32))
+        assert choose(mesh, np.array([point], float), found).prim_id.tolist() == [expected], (point, face)
+
+
+def top_over(count, leaf_size, seed):
+    """A tree over boxes, some of them twice."""
+    generator = np.random.default_rng(seed)
+    lower = generator.uniform(-1, 1, (count, 3))
+    lower[generator.random(count) < 0.3] = lower[0]
+    boxes = Boxes.from_arrays(lower, lower + generator.uniform(0, 0.3, (count, 3)), "boxes")
+    bvh = build_tree(boxes, "sah", None, BuildOptions(leaf_size=leaf_size))
+    instances = np.zeros(count, INSTANCE)
+    instances["instance_id"], instances["mask"] = bvh.prim_ids, 1 + bvh.prim_ids
+    return SimpleNamespace(instances=instances, bvh=bvh)
+
+
+def walk(nodes, index=0):
+    """Slots, least and greatest corner below a node of `bvh2`; the boxes of its children are checked."""
+    slots, corners = [], []
+    for child in range(2):
+        box = nodes["aabb_min"][index][child], nodes["aabb_max"][index][child]
+        if (box[0] > box[1]).any():
+            continue
+        first, count = nodes["first"][index][child], nodes["count"][index][child]
+        if count > 0:
+            slots += range(first, first + count)
+        else:
+            below, *around = walk(nodes, first)
+            np.testing.assert_array_equal(box, around)
+            slots += below
+        corners.append(box)
+    return slots, np.min([box[0] for box in corners], axis=0), np.max([box[1] for box in corners], axis=0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 400])
+@pytest.mark.parametrize("share", [0.01, 0.3, 1.0])
+def test_a_tree_over_some_instances_holds_them_in_tight_boxes(count, share):
+    for leaf_size in (1, 4):
+        top, generator = top_over(count, leaf_size, seed=count), np.random.default_rng(9)
+        chosen = np.flatnonzero(generator.random(count) < share)
+        chosen = generator.permutation(chosen if len(chosen) else [count // 2])
+        arrays = prune_top(top, chosen)
+        np.testing.assert_array_equal(np.sort(arrays["instances"]["instance_id"]), np.sort(chosen))
+        np.testing.assert_array_equal(arrays["instances"]["mask"], arrays["instances"]["instance_id"] + 1)
+        slots, *around = walk(arrays["top_nodes"])
+        np.testing.assert_array_equal(np.sort(slots), np.arange(len(chosen)))
+        assert len(arrays["top_nodes"]) <= max(1, len(chosen) - 1)
+        if leaf_size == 1:
+            corners = top.bvh.shape.corners[chosen].reshape(-1, 3)
+            np.testing.assert_array_equal(around, (corners.min(axis=0), corners.max(axis=0)))
+        assert prune_top(top, chosen[:0])["instances"]["mask"].tolist() == [0]
+
+
+@pytest.mark.parametrize("chosen", [1, 60])
+def test_points_see_the_chosen_instances_alone(session, chosen):
+    generator = np.random.default_rng(chosen)
+    shapes = make_shape("icosphere", triangles=80), Spheres(generator.normal(size=(5, 3)), 0.4)
+    places = np.tile(np.eye(4), (120, 1, 1))
+    places[:, :3, 3] = generator.uniform(-9, 9, (120, 3))
+    ids = np.sort(generator.choice(120, chosen, replace=False))
+    scenes = Scene(), Scene()
+    for scene, numbers in zip(scenes, (range(120), ids), strict=True):
+        geometries = [scene.add(shape) for shape in shapes]
+        for number in numbers:
+            scene.place(geometries[number % 2], places[number])
+    points = generator.uniform(-10, 10, (500, 3))
+    points[::2] = places[generator.choice(ids, 250), :3, 3] + generator.uniform(-0.5, 0.5, (250, 3))
+    with Tracer(scenes[0], device=session.info) as tracer, Tracer(scenes[1], device=session.info) as expected:
+        found, other = tracer.closest_point(points, instance=ids), expected.closest_point(points)
+        np.testing.assert_allclose(found.distance, other.distance, rtol=1e-12)
+        np.testing.assert_array_equal(found.prim_id, other.prim_id)
+        np.testing.assert_array_equal(found.instance_id, ids[other.instance_id])
+        np.testing.assert_array_equal(tracer.contains(points, instance=ids), expected.contains(points))
+        signed = tracer.signed_distance(points, instance=ids)
+        np.testing.assert_allclose(signed, expected.signed_distance(points), rtol=1e-12)
+        assert (signed > 0).any()
+        assert np.isinf(tracer.closest_point(points, instance=[]).distance).all()
