@@ -1,0 +1,147 @@
+"""Cameras: axes, rays, turns, values that no camera has, and files of cameras."""
+
+from __future__ import annotations
+
+import json
+import math
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.testing import assert_allclose
+
+from clbvh import Camera, Lens, SceneError
+from clbvh.rendering.images import read_camera
+
+CAMERA = Camera((1.0, 2.0, 3.0), (0.0, 0.5, 0.0), up=(0, 2, 0), fov=40)
+K = [[500.0, 1.0, 310.0], [0.0, 510.0, 250.0], [0.0, 0.0, 1.0]]
+LENS_CAMERA = Camera.from_intrinsics(K, np.eye(4), (640, 480))
+TOO_LONG = 10**400  # an integer that float64 cannot hold
+
+
+@pytest.fixture(autouse=True)
+def _no_warnings():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+def test_axes_are_orthonormal_and_right_handed_whatever_the_length_of_up():
+    for length in (5e-324, 1e-310, 1.0, 1.7e308):
+        right, up, forward = np.array(Camera((1, 2, 3), (4, -1, 0), up=(0, length, 0)).axes())
+        assert_allclose([right @ up, right @ forward, up @ forward, right[1]], 0, atol=1e-15)
+        assert_allclose([right @ right, up @ up, forward @ forward], 1)
+        assert_allclose(np.cross(right, up), -forward, atol=1e-15)
+        assert up[1] > 0
+
+
+def test_rays_fill_the_field_of_view_from_the_upper_left_to_the_lower_right():
+    origins, directions = Camera((0, 0, 5), (0, 0, 0), fov=90).rays(3, 3)
+    assert (origins == [0, 0, 5]).all()
+    assert origins.strides[:2] == (0, 0)
+    assert_allclose(np.linalg.norm(directions, axis=-1), 1)
+    slopes = directions[..., :2] / -directions[..., 2:]
+    assert_allclose(slopes[0, :, 0], [-2 / 3, 0, 2 / 3], atol=1e-15)
+    assert_allclose(slopes[:, 0, 1], [2 / 3, 0, -2 / 3], atol=1e-15)
+
+
+def test_rows_may_be_in_any_order():
+    whole = CAMERA.rays(8, 6)[1]
+    np.testing.assert_array_equal(CAMERA.rays(8, 6, range(5, -1, -2))[1], whole[5::-2])
+    assert CAMERA.rays(8, 6, range(0))[1].shape == (0, 8, 3)
+    for rows in (range(4, 7), range(-1, 2), [1, 2], 3):
+        with pytest.raises(SceneError, match="the rows of a picture of 6 rows"):
+            CAMERA.rays(8, 6, rows)
+
+
+def test_a_camera_is_a_value_of_python_numbers():
+    assert Camera(np.array([1.0, 2, 3]), [0, 0.5, 0], up=(0, 2, 0), fov=np.float32(40)) == CAMERA
+    assert pickle.loads(pickle.dumps(LENS_CAMERA)) == LENS_CAMERA
+    assert len({LENS_CAMERA, Camera.from_intrinsics(np.array(K), np.eye(4).tolist(), [640, 480])}) == 1
+    lens = Lens(np.float32(500), np.int16(510), 310, np.float64(250), 0, np.uint16(640), np.uint16(480))
+    assert {type(value) for value in vars(lens).values() if value is not None} == {int, float}
+    short = Camera.from_intrinsics(K, np.eye(4), np.uint16([640, 480]))
+    np.testing.assert_array_equal(short.rays(np.uint8(200), np.uint8(150))[1], LENS_CAMERA.rays(200, 150)[1])
+
+
+def test_what_is_no_camera_is_refused():
+    place = {"eye": (0, 0, 1), "look_at": (0, 0, 0)}
+    lens = LENS_CAMERA.lens
+    rows = [
+        (lambda: Camera((1, 1, 1), (1, 1, 1)), "same point"),
+        (lambda: Camera((0, 1, 0), (0, 0, 0)), "parallel"),
+        (lambda: Camera(**place, up=(0, 0, 0)), "up is zero"),
+        (lambda: Camera((0, 0, math.inf), (0, 0, 0)), "finite"),
+        (lambda: Camera((1e308, 0, 0), (-1e308, 0, 0)), "farther apart"),
+        *((lambda fov=fov: Camera(**place, fov=fov), "fov must be") for fov in (180, math.nan, True, TOO_LONG)),
+        (lambda: Camera(**place, fov=60, lens=lens), "follows from its lens"),
+        (lambda: Camera(**place, lens=K), "must be a Lens"),
+        (lambda: Camera(**place, aperture=0.1, lens=lens), "needs a focus_distance"),
+        (lambda: Camera(**place).rays(), "has no size"),
+        (lambda: Camera(**place).rays(3, 0), "height of a camera's picture"),
+        (lambda: Lens(TOO_LONG, 1, 0, 0, 0, 640, 480), "fx must be a finite number"),
+    ]
+    for call, words in rows:
+        with pytest.raises(SceneError, match=words):
+            call()
+
+
+def test_an_orbit_turns_counterclockwise_around_the_point_looked_at():
+    assert_allclose(Camera((0, 0, 5), (0, 0, 0)).orbit(90).eye, [5, 0, 0], atol=1e-15)
+    for degrees in (-200, 0, 33, 1e6):
+        turned = CAMERA.orbit(degrees)
+        assert (turned.look_at, turned.fov) == (CAMERA.look_at, 40)
+        assert turned.eye[1] == pytest.approx(2, abs=1e-12)
+        assert math.dist(turned.eye, turned.look_at) == pytest.approx(math.dist(CAMERA.eye, CAMERA.look_at))
+    for turns in (1, -1, 10**9, 2.0**1000):
+        assert CAMERA.orbit(360 * turns) == CAMERA
+
+
+def test_an_orbit_has_a_point_and_an_axis_of_ones_own():
+    camera = Camera((0, 0, 5), (0, 0, 0)).orbit(90, about=np.array([1, 0, 5]), axis=(0, 0, 3))
+    assert_allclose([camera.eye, camera.look_at, camera.up], [[1, -1, 5], [1, -1, 0], [-1, 0, 0]], atol=1e-14)
+    turn = trimesh.transformations.rotation_matrix(np.radians(25), [0, 0, 1], [1, 2, 3])
+    turned = LENS_CAMERA.orbit(25, about=(1, 2, 3), axis=(0, 0, 1))
+    assert_allclose(turned.camera_to_world(), turn, atol=1e-12)
+
+
+def test_what_is_no_turn_is_refused():
+    rows = [
+        *(
+            (lambda degrees=degrees: CAMERA.orbit(degrees), "finite number")
+            for degrees in (math.nan, "90", True, TOO_LONG)
+        ),
+        (lambda: CAMERA.orbit(90, axis=(0, 0, 0)), "must not be zero"),
+        (lambda: CAMERA.orbit(90, about=(0, 0)), "three finite numbers"),
+        (lambda: LENS_CAMERA.orbit(25), "as `about`"),
+    ]
+    for call, words in rows:
+        with pytest.raises(SceneError, match=words):
+            call()
+
+
+def test_a_file_has_the_camera_of_its_matrices(tmp_path):
+    pose = [[1.0, 0, 0, 0.4], [0, 0.6, -0.8, 4.0], [0, 0.8, 0.6, -3.2], [0, 0, 0, 1.0]]
+    facts = {"intrinsics": K, "camera_to_world": pose, "size": [640, 480]}
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(facts))
+    assert read_camera(path) == Camera.from_intrinsics(K, pose, (640, 480))
+    # Other keys are left alone.
+    path.write_text(json.dumps(facts | {"convention": "opengl", "pixel_centres": "integer", "channels": {}}))
+    assert read_camera(str(path)) == Camera.from_intrinsics(K, pose, (640, 480), "opengl", pixel_centres="integer")
+    rows = [
+        (facts | {"size": [60]}, r"must be \(width, height\)"),
+        (facts | {"camera_to_world": None}, "pose"),
+        (facts | {"convention": "left"}, "convention must be one of"),
+        ({"size": [60, 40]}, "here is no intrinsics"),
+        ([1, 2], "holds an object"),
+    ]
+    for content, words in rows:
+        path.write_text(json.dumps(content))
+        with pytest.raises(SceneError, match=rf"a\.json: .*{words}"):
+            read_camera(path)
+    path.write_text("solid")
+    with pytest.raises(SceneError, match=r"a\.json: this is no JSON file"):
+        read_camera(path)

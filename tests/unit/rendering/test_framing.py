@@ -1,0 +1,262 @@
+"""Framing: cameras that see the whole of a mesh or a scene from any side, and waste no room."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import clbvh
+from clbvh import Fisheye, Mesh, Orthographic, Panorama, SceneError, Spheres, View
+from clbvh.choices import STANDARD_VIEWS
+from clbvh.rendering.cameras import bounds as bounds_module
+from clbvh.rendering.cameras.bounds import Reaches, SceneBounds
+from clbvh.rendering.cameras.framing import frame_mesh, frame_scene, measure_side
+from clbvh.rendering.kernel_view import sky_direction
+from clbvh.rendering.view_finder import ViewFinder
+
+HEIGHT = 90
+MARGIN = 0.06
+SKEW = (0.2, 1, -0.4)
+WITHOUT_EXTENT = [np.zeros((1, 3)), np.array([[0, 0, 0], [0, 1, 0.0]]), np.eye(3)]
+
+
+def cloud(seed, extents=(3, 1, 0.4), count=300):
+    return np.random.default_rng([9, seed]).normal(size=(count, 3)) * extents + [7, 8, 9]
+
+
+def mesh_of(points):
+    """A mesh with these vertices; its triangle does not matter."""
+    return Mesh.from_arrays(points, [[0, 0, 0]])
+
+
+def places(camera, points, aspect):
+    """Places in the picture, -1 to 1 from edge to edge, and the depths."""
+    pixels, depth = camera.project(points, round(HEIGHT * aspect), HEIGHT)
+    return pixels / [HEIGHT * aspect / 2, HEIGHT / 2] - 1, depth
+
+
+def check_frame(camera, points, aspect):
+    """Every point is seen; along one direction the points reach the margin on both sides; the other is centred."""
+    found, depth = places(camera, points, aspect)
+    assert (depth > 0).all()
+    assert np.abs(found).max() <= 1 - MARGIN + 1e-5
+    tight = np.argmax(np.ptp(found, axis=0))
+    assert np.ptp(found, axis=0)[tight] > 1.85
+    off_centre = np.abs(found.max(axis=0) + found.min(axis=0))
+    assert off_centre[tight] < 1e-5
+    assert off_centre.max() < 0.02
+
+
+@pytest.mark.parametrize("projection", [None, Orthographic()])
+def test_every_point_is_seen_and_no_room_is_wasted(projection):
+    for seed, (aspect, up) in enumerate([(16 / 9, (0, 1, 0)), (0.5, (0, 0, 1)), (1.0, SKEW)]):
+        for extents in ((3, 1, 0.4), (0.5, 4, 5)):
+            points = cloud(seed, extents)
+            check_frame(frame_mesh(mesh_of(points), aspect=aspect, up=up, projection=projection), points, aspect)
+
+
+def test_the_automatic_view_is_from_the_front_a_little_from_the_right_and_above():
+    for up, front, right in (((0, 1, 0), (0, 0, 1), (1, 0, 0)), ((0, 0, 2), (0, -1, 0), (1, 0, 0))):
+        towards = -frame_mesh(mesh_of(cloud(0)), aspect=1, up=up).axes()[2]
+        assert towards @ front > towards @ right > towards @ up / np.linalg.norm(up) > 0.2
+
+
+@pytest.mark.parametrize("projection", [None, Orthographic(), Fisheye(150), Panorama()])
+def test_neither_scale_nor_place_matters(projection):
+    points = cloud(1)
+    expected = places(frame_mesh(mesh_of(points), aspect=1.5, projection=projection), points, 1.5)[0]
+    for scale in (1e-100, 1e-30, 1e30, 1e100):
+        moved = (points + np.array([5e5, -4e6, 120.0])) * scale
+        camera = frame_mesh(mesh_of(moved), aspect=1.5, projection=projection)
+        np.testing.assert_allclose(places(camera, moved, 1.5)[0], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("projection", [None, Orthographic(), Fisheye(), Panorama()])
+def test_points_without_extent_are_framed_too(projection):
+    for points in WITHOUT_EXTENT:
+        for turns in (False, True)[: 1 if projection == Panorama() else 2]:
+            camera = frame_mesh(mesh_of(points), aspect=1, projection=projection, turns=turns)
+            assert np.isfinite(camera.rays(8, 8)[1]).all()
+            if projection != Panorama():
+                assert np.abs(places(camera, points, 1)[0]).max() < 1
+
+
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, 0, 3), SKEW])
+def test_a_turn_sees_every_point_from_all_sides(up):
+    for aspect, projection in ((16 / 9, None), (0.5, None), (0.5, Orthographic()), (2.0, Fisheye(120))):
+        for extents in ((3, 1, 0.2), (0.5, 4, 5)):
+            points = cloud(4, extents, 60)
+            first = frame_mesh(mesh_of(points), aspect=aspect, up=up, projection=projection, turns=True)
+            seen = [places(first.orbit(angle), points, aspect) for angle in range(0, 360, 2)]
+            assert min(depth.min() for _, depth in seen) > 0
+            found = np.concatenate([each for each, _ in seen])
+            assert np.abs(found).max() < 1 - MARGIN + 1e-4
+            # The pictures stay where they are: the line of sight goes through the axis.
+            centre = (points.min(axis=0) + points.max(axis=0)) / 2
+            assert np.linalg.norm(np.cross(np.subtract(first.look_at, centre), up)) < 1e-5
+            if not isinstance(projection, Fisheye):
+                tight = np.argmax(np.ptp(found, axis=0))
+                assert found[:, tight].max() > 0.933
+                assert found[:, tight].min() < -0.933
+
+
+def test_a_fisheye_sees_every_point_in_its_circle():
+    points = cloud(2)
+    for angle in (5, 60, 180, 360):
+        found, _ = places(frame_mesh(mesh_of(points), aspect=1.5, projection=Fisheye(angle)), points, 1.5)
+        assert np.hypot(found[:, 0] * 1.5, found[:, 1]).max() < 1
+        assert np.abs(found).max() > 0.08
+
+
+def test_a_panorama_stands_in_the_middle_looks_level_and_has_no_turn():
+    points = cloud(3)
+    for up in ((0, 1, 0), (0, 0, 2)):
+        camera = frame_mesh(mesh_of(points), aspect=2, up=up, projection=Panorama())
+        np.testing.assert_allclose(camera.eye, (points.min(axis=0) + points.max(axis=0)) / 2, rtol=1e-6)
+        assert abs(np.subtract(camera.look_at, camera.eye) @ np.asarray(up)) < 1e-12
+    for refused, words in (({"turns": True}, "no turn"), ({"side": "top"}, "another view than 'top'")):
+        with pytest.raises(SceneError, match=words):
+            frame_mesh(mesh_of(points), aspect=2, projection=Panorama(), **refused)
+
+
+@pytest.mark.parametrize("projection", [None, Orthographic(), Orthographic(3), Fisheye(), Panorama()])
+def test_a_view_gives_its_camera_the_projection_the_lens_and_the_eye(projection):
+    points = cloud(6)
+    finder = ViewFinder(SceneBounds.of_mesh(mesh_of(points)))
+    lens = {} if isinstance(projection, Fisheye | Panorama) else {"aperture": 0.5, "focus_distance": 4}
+    size = {"width": 150, "height": 100}
+    # The eye is beside the middle.
+    for place in ({}, {"eye": (20, 30, 40)}, {"eye": (20, 30, 40), "look_at": (6, 8, 9)}):
+        camera = finder.camera(finder.complete(View(projection=projection, **place, **lens, **size)))
+        assert (camera.aperture, camera.focus_distance) == ((0.5, 4) if lens else (0, None))
+        if "eye" in place:
+            middle = tuple((points.min(axis=0) + points.max(axis=0)) / 2)
+            assert camera.eye == place["eye"]
+            assert camera.look_at == pytest.approx(place.get("look_at", middle))
+        if projection == Orthographic():
+            assert np.abs(places(camera, points, 1.5)[0]).max() == pytest.approx(1 - MARGIN, abs=1e-5)
+        else:
+            assert camera.projection == projection
+
+
+# Towards the camera, and up in the picture, where y is up and where z is.
+SIDES = {
+    (0, 1, 0): {
+        "front": ((0, 0, 1), (0, 1, 0)), "right": ((1, 0, 0), (0, 1, 0)), "back": ((0, 0, -1), (0, 1, 0)),
+        "left": ((-1, 0, 0), (0, 1, 0)), "top": ((0, 1, 0), (0, 0, -1)), "bottom": ((0, -1, 0), (0, 0, 1)),
+        "iso": (np.ones(3) / np.sqrt(3), (0, 1, 0)),
+    },
+    (0, 0, 2): {
+        "front": ((0, -1, 0), (0, 0, 2)), "right": ((1, 0, 0), (0, 0, 2)), "back": ((0, 1, 0), (0, 0, 2)),
+        "left": ((-1, 0, 0), (0, 0, 2)), "top": ((0, 0, 1), (0, 1, 0)), "bottom": ((0, 0, -1), (0, -1, 0)),
+        "iso": (np.array((1, -1, 1)) / np.sqrt(3), (0, 0, 2)),
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("up", SIDES)
+def test_a_standard_view_is_from_its_side(up):
+    assert tuple(SIDES[up]) == STANDARD_VIEWS
+    points = cloud(0)
+    for side, (towards, picture_up) in SIDES[up].items():
+        camera = frame_mesh(mesh_of(points), aspect=1.5, up=up, side=side)
+        np.testing.assert_allclose(-camera.axes()[2], towards, atol=1e-12)
+        np.testing.assert_allclose(camera.up, picture_up)
+        found, depth = places(camera, points, 1.5)
+        assert depth.min() > 0
+        assert np.abs(found).max() < 0.9401
+        assert np.ptp(found, axis=0).max() > 1.85
+        # The sky is above, also in the view from the top.
+        assert (sky_direction(View(side=side, up=up), camera) == np.array(up) / np.linalg.norm(up)).all()
+
+
+def test_sizes_of_sides_are_those_of_the_box():
+    across, high, deep = np.ptp(cloud(0), axis=0)
+    bounds = SceneBounds.of_mesh(mesh_of(cloud(0)))
+    for side, size in {"front": (across, high), "left": (deep, high), "top": (across, deep)}.items():
+        np.testing.assert_allclose(measure_side(bounds, side), size, rtol=1e-6)
+
+
+def test_a_renderer_takes_one_side_after_the_other(mesh):
+    size = {"width": 40, "height": 30, "shading": "normal"}
+    with clbvh.Renderer(mesh, eye=(1, 2, 3), up="y", **size) as renderer:
+        for side in ("top", "left"):
+            camera = renderer.render(side=side).camera
+            assert camera == frame_mesh(mesh, aspect=4 / 3, side=side)
+        with pytest.raises(SceneError, match="'top' and a camera"):
+            renderer.render(side="top", camera=camera)
+
+
+SHAPES = [
+    clbvh.make_shape("icosphere", triangles=320), clbvh.make_shape("knot", triangles=200),
+    Mesh.from_arrays([[3, 0, 0], [4, 0, 0], [3, 1, 0]], [[0, 1, 2]]),
+]  # fmt: skip
+
+
+def random_places(count, seed, spread=5.0):
+    """The shape and the transform of each instance, any affine map, mirrors among them; and all vertices."""
+    generator = np.random.default_rng(seed)
+    transforms = np.tile(np.eye(4), (count, 1, 1))
+    transforms[:, :3, :3] = generator.normal(size=(count, 3, 3)) * generator.uniform(0.1, 1, (count, 1, 1))
+    transforms[:, :3, 3] = spread * generator.normal(size=(count, 3))
+    ids = generator.integers(0, len(SHAPES), count)
+    parts = [SHAPES[i].vertices @ matrix[:3, :3].T + matrix[:3, 3] for i, matrix in zip(ids, transforms, strict=True)]
+    return ids, transforms, np.concatenate(parts)
+
+
+def box_of(bounds):
+    return bounds.origin + bounds.local_box / bounds.scale
+
+
+def test_bounds_and_cameras_of_a_scene_are_those_of_all_its_vertices(monkeypatch):
+    read, reach_of = [], SceneBounds._reach_of
+    monkeypatch.setattr(SceneBounds, "_reach_of", lambda *arguments: read.append(1) or reach_of(*arguments))
+    for count in (1, 7, 2000):
+        ids, transforms, points = random_places(count, count, spread=count / 40 + 5)
+        read.clear()
+        bounds = SceneBounds(SHAPES, ids, transforms)
+        assert len(read) < 60  # few of many are read
+        np.testing.assert_allclose(box_of(bounds), [points.min(axis=0), points.max(axis=0)], rtol=0, atol=1e-10)
+        for turns in (False, True):
+            camera = frame_scene(bounds, aspect=1.5, up=SKEW, turns=turns)
+            expected = frame_mesh(mesh_of(points), aspect=1.5, up=SKEW, turns=turns)
+            # Those of the mesh are rounded to float32.
+            for name in ("eye", "look_at"):
+                np.testing.assert_allclose(
+                    getattr(camera, name), getattr(expected, name), rtol=0, atol=2e-6 / bounds.scale
+                )
+    # Without time for all vertices the boxes count.
+    monkeypatch.setattr(bounds_module, "_MOST_POINTS", -10_000_000)
+    exact, loose = box_of(bounds), box_of(SceneBounds(SHAPES, ids, transforms))
+    assert (loose[0] <= exact[0]).all()
+    assert (loose[1] >= exact[1]).all()
+    assert (np.ptp(loose, axis=0) < 2 * np.ptp(exact, axis=0)).all()
+
+
+@pytest.mark.parametrize("stretch", [1.0, 0.3])
+def test_spheres_reach_as_far_as_their_surface(stretch):
+    generator = np.random.default_rng(1)
+    spheres = Spheres(generator.normal(size=(30, 3)), generator.uniform(0.1, 2, 30))
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.linalg.qr(generator.normal(size=(3, 3)))[0] @ np.diag([1, stretch, 1])
+    matrix[:3, 3] = [7, 8, 9]
+    normals = generator.normal(size=(5000, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points = (spheres.centres[:, None] + spheres.radii[:, None, None] * normals).reshape(-1, 3)
+    points = points @ matrix[:3, :3].T + matrix[:3, 3]
+    bounds = SceneBounds([spheres], np.array([0]), matrix[None])
+    np.testing.assert_allclose(box_of(bounds), [points.min(axis=0), points.max(axis=0)], rtol=0, atol=1e-2)
+    assert 0.925 < np.abs(places(frame_scene(bounds, aspect=1.5), points, 1.5)[0]).max() < 0.9401
+    first = frame_scene(bounds, aspect=1.5, turns=True)
+    turned = [np.abs(places(first.orbit(angle), points, 1.5)[0]).max() for angle in range(0, 360, 45)]
+    # A stretched sphere counts as one around it.
+    assert (0.92 if stretch == 1 else 0.7) < max(turned) < 0.9401
+
+
+def test_a_ball_reaches_at_most_as_far_as_is_said():
+    generator = np.random.default_rng(5)
+    axis = np.array([0.0, 0.6, 0.8])
+    reaches = Reaches(np.outer(generator.normal(size=6), axis), generator.uniform(0, 1, 6), axis)
+    linear, points = generator.normal(size=(3, 3)), generator.normal(size=(20_000, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    assert (reaches.of_points(points, linear, np.zeros(3)).max(axis=1) <= reaches.of_ball(linear)).all()

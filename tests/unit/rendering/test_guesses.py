@@ -1,0 +1,266 @@
+"""What a picture guesses: which way is up, and which few parts are too far away to frame."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import clbvh
+from clbvh.rendering.cameras.bounds import SceneBounds
+from clbvh.rendering.view_finder import LEAST_GAP, Y_UP, Z_UP, find_outliers, frame_without_outliers, guess_up
+
+CREATE = trimesh.creation
+# From z up to y up.
+TURN = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+BALL = CREATE.icosphere(3)
+
+
+def joined(*parts):
+    """A mesh of solids, each with its place."""
+    return as_mesh(trimesh.util.concatenate([solid.copy().apply_translation(place) for solid, place in parts]))
+
+
+def as_mesh(solid):
+    return clbvh.Mesh.from_arrays(solid.vertices, solid.faces)
+
+
+def guess(mesh, kind=""):
+    """Return the guess for a mesh that comes from a file of a kind."""
+    return guess_up(SceneBounds.of_mesh(dataclasses.replace(mesh, name=f"a.{kind}")))
+
+
+def bounds_of(scene):
+    state = scene.snapshot()
+    return SceneBounds(state.shapes, state.geometry_ids, state.transforms)
+
+
+def box_of(bounds):
+    return bounds.origin + bounds.local_box.astype(float) / bounds.scale
+
+
+LEGS = [(CREATE.box((0.1, 0.1, 1)), (x, y, 0.5)) for x in (-1, 1) for y in (-1, 1)]
+STANDING = {
+    "cone": as_mesh(CREATE.cone(1, 2)),
+    "cylinder": as_mesh(CREATE.cylinder(1, 2)),
+    "ring": as_mesh(CREATE.torus(1, 0.3)),
+    "plate": as_mesh(CREATE.box((3, 2, 0.1))),
+    "table": joined(*LEGS, (CREATE.box((2.4, 2.4, 0.1)), (0, 0, 1))),
+}
+
+
+def test_a_mesh_stands_on_its_base_either_way():
+    for name, mesh in STANDING.items():
+        for unit in (1e-30, 1, 1e30):
+            assert guess(mesh.with_vertices(mesh.vertices * unit), "obj").vector == Z_UP, name
+            assert guess(mesh.with_vertices(mesh.vertices @ TURN.T * unit), "stl").vector == Y_UP, name
+    cone = as_mesh(CREATE.cone(1, 2, sections=2000))
+    strays = len(cone.vertices) + np.arange(3)
+    vertices, faces = np.vstack((cone.vertices, [[0, 0, -90]] * 3)), np.vstack((cone.faces, strays))
+    assert guess(clbvh.Mesh.from_arrays(vertices, faces), "obj").vector == Z_UP
+
+
+def test_the_format_decides_where_the_shape_does_not():
+    flat = ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0], [1, 1, 1], [2, 2, 2]], [[5, 5, 5]] * 3)
+    shapeless = [as_mesh(CREATE.box()), as_mesh(BALL), *(clbvh.Mesh.from_arrays(each, [[0, 1, 2]]) for each in flat)]
+    for kind, up in {"stl": Z_UP, "STL": Z_UP, "off": Z_UP, "obj": Y_UP, "ply": Y_UP, "": Y_UP}.items():
+        for mesh in shapeless:
+            vector, note = guess(mesh, kind)
+            assert vector == up, kind
+            assert note is None if up == Y_UP else note.startswith("z is up: most ")
+    for kind in ("glb", "gltf"):
+        assert guess(STANDING["cone"], kind) == (Y_UP, None)
+    for seed in range(10):
+        spheres = clbvh.Spheres(np.random.default_rng([86, seed]).random((30, 3)), 0.05)
+        assert guess_up(SceneBounds((spheres,), np.zeros(1, int), np.eye(4)[None])) == (Y_UP, None)
+
+
+def test_an_eye_straight_above_has_the_other_axis():
+    bounds = SceneBounds.of_mesh(as_mesh(BALL))
+    for place in ({"eye": (0, 9, 0)}, {"eye": (3, -9, 1), "look_at": (3, 0, 1)}):
+        assert guess_up(bounds, **place) == (Z_UP, None)
+    assert guess_up(bounds, (0, 9, 1)).vector == Y_UP
+
+
+@pytest.mark.parametrize("name", ["bun_zipper.ply", "dragon_871k.ply"])
+def test_scans_that_stand_are_recognised_in_any_format(name):
+    path = Path(os.environ.get("CLBVH_MESHES", ""), name)
+    if not path.is_file():
+        pytest.skip(f"CLBVH_MESHES has no {name}")
+    mesh = clbvh.load_mesh(path)
+    assert guess(mesh, "stl").vector == Y_UP
+    assert guess(mesh.with_vertices(mesh.vertices @ TURN), "obj").vector == Z_UP
+
+
+def test_nothing_stands_on_a_tip_or_an_edge_by_a_habit():
+    for sections in (3, 12):
+        cone = CREATE.cone(1, 4, sections=sections)
+        spindle = trimesh.util.concatenate([cone, cone.copy().apply_scale((1, 1, -1))])
+        spindle.vertices[:, 0] += 0.3 * np.abs(spindle.vertices[:, 2])  # bent: both tips are beside the middle
+        vector, note = guess(as_mesh(spindle), "stl")
+        assert vector == Y_UP
+        assert note.startswith("y is up: the mesh is long along z, and would not stand on its end; --up 0,0,1")
+        assert guess(as_mesh(spindle.apply_scale((2.5, 2.5, 1))), "stl").vector == Z_UP
+    for thickness, up in ((0.02, Y_UP), (0.05, Z_UP)):
+        assert guess(as_mesh(CREATE.box((thickness, 0.4, 1))), "stl").vector == up
+
+
+def test_what_users_say_of_cameras_needs_no_numpy():
+    code = "import sys, clbvh.rendering.cameras.projection; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def cloud(seed, count=1000):
+    return np.random.default_rng([81, seed]).random((count, 3))
+
+
+def find(points, size=0.01):
+    return np.flatnonzero(find_outliers(points, points + size, np.ones(len(points)))).tolist()
+
+
+def test_far_ones_are_found_on_all_sides_in_any_order():
+    for scale in (1e-30, 1, 1e30):
+        for direction in ((1, 0, 0), (0, -1, 0), (1, 1, 1), (-1, 0, 1)):
+            points = cloud(0)
+            points[123] += 20 * np.array(direction)
+            assert find(points * scale, 0.01 * scale) == [123]
+    points = cloud(1)
+    points[:6] += 30 * np.concatenate((np.eye(3), -np.eye(3)))
+    points[6:9] += [[33, 0, 0], [1e9, 0, 0], [-1e4, 50, 0]]
+    order = np.random.default_rng(3).permutation(len(points))
+    assert set(order[find(points[order])]) == set(find(points)) == set(range(9))
+
+
+def test_many_large_or_few_things_are_no_outliers():
+    points = cloud(4)
+    points[:11] += [90, 0, 0]  # 1.1 %
+    assert not find(points)
+    points[:2] -= [90, 0, 0]
+    assert len(find(points)) == 9
+    sizes = np.full((len(points), 1), 0.01)
+    sizes[5] = 0.05
+    assert not find(points, sizes)
+    for count in (1, 2, 50):
+        few = cloud(7, count)
+        few[0] += 1e6
+        assert not find(few)
+    assert not find(np.eye(1, 500).T * np.full(3, 9.0), 0.0)  # all others in one place
+
+
+def test_the_gap_that_counts():
+    points = cloud(5) * [1, 0.5, 0.2]
+    diagonal = np.linalg.norm(np.ptp(points[1:], axis=0) + 0.01)
+    end = points[1:, 0].max() + 0.01
+    for share, expected in ((0.99, []), (1.01, [0])):
+        points[0] = [end + share * LEAST_GAP * diagonal, 0.2, 0.1]
+        assert find(points) == expected
+
+
+def test_what_reaches_to_the_others_and_what_is_at_its_end_are_none():
+    lower = cloud(6)
+    upper = lower + 0.01
+    upper[7, 1] = 1000  # a mast, and a flag at its end
+    for each in (lower, upper):
+        each[8] += [0, 999, 0]
+    assert not find_outliers(lower, upper, np.ones(1000)).any()
+
+
+def test_the_outermost_of_a_galaxy_are_none():
+    distributions = [
+        lambda generator: generator.normal(size=5000),
+        lambda generator: generator.exponential(size=5000),
+        # Of a spiral galaxy, whose stars thin out beyond ten times the size of the middle.
+        lambda generator: 10 * generator.random(5000) ** 3,
+    ]
+    for seed in range(10):
+        for distribution in distributions:
+            generator = np.random.default_rng([82, seed])
+            directions = generator.normal(size=(5000, 3))
+            radii = distribution(generator) / np.linalg.norm(directions, axis=1)
+            assert not find(directions * radii[:, None], 1e-3)
+
+
+def with_specks(*places):
+    """The ball with small triangles at some places."""
+    speck = np.array([[0, 0, 0], [0.05, 0, 0], [0, 0.05, 0]])
+    corners = np.concatenate([speck + place for place in places])
+    faces = len(BALL.vertices) + np.arange(len(corners)).reshape(-1, 3)
+    return clbvh.Mesh.from_arrays(np.vstack((BALL.vertices, corners)), np.vstack((BALL.faces, faces)))
+
+
+OUTLIERS = {
+    "one": [(90, 0, 0)],
+    "cluster": [(40, 40, place) for place in np.linspace(-5, 5, 12)],
+    "very far on both sides": [(1e6, 1e6, 1e6), (-60, 3, 0)],
+}
+
+
+@pytest.mark.parametrize("name", OUTLIERS)
+def test_a_mesh_is_framed_without_its_outliers(name):
+    mesh, count = with_specks(*OUTLIERS[name]), len(OUTLIERS[name])
+    # Alone, and as the only instance of a scene.
+    scene = clbvh.Scene()
+    scene.place(scene.add(mesh), clbvh.Transform(translate=(3, 0, 0)))
+    for bounds, middle in ((SceneBounds.of_mesh(mesh), 0), (bounds_of(scene), 3)):
+        framed = frame_without_outliers(bounds)
+        assert f"{count} of {mesh.face_count:,} triangle" in framed.note
+        np.testing.assert_allclose(box_of(framed.bounds), [[middle - 1, -1, -1], [middle + 1, 1, 1]], atol=0.1)
+
+
+def test_far_vertices_spheres_and_instances_are_left_out():
+    unused = clbvh.Mesh.from_arrays(np.vstack((BALL.vertices, [[500.0, 0, 0]])), BALL.faces)
+    framed = frame_without_outliers(SceneBounds.of_mesh(unused))
+    assert framed.note is None
+    assert np.abs(box_of(framed.bounds)).max() < 1.01
+    centres = np.random.default_rng(83).normal(size=(400, 3))
+    centres[9] = 0, 500, 0
+    framed = frame_without_outliers(bounds_of(clbvh.Scene(clbvh.Spheres(centres, 0.1))))
+    assert framed.note.startswith("1 of 400 primitives")
+    assert np.abs(box_of(framed.bounds)).max() < 6
+    scene = clbvh.Scene()
+    scene.place_many(scene.add(as_mesh(BALL)), [clbvh.Transform(translate=(x, 0, 0)).matrix for x in range(5)])
+    scene.place(scene.add(clbvh.Mesh.from_arrays(np.eye(3) / 20, [[0, 1, 2]])), clbvh.Transform(translate=(0, 0, 99)))
+    framed = frame_without_outliers(bounds_of(scene))
+    assert framed.note.startswith("1 of 6,401 triangles")
+    np.testing.assert_allclose(box_of(framed.bounds), [[-1, -1, -1], [5, 1, 1]], atol=1e-5)
+
+
+def test_ordinary_things_are_framed_as_a_whole():
+    pole, flag = (CREATE.cylinder(0.02, 60), (0, 0, 30)), (CREATE.box((1, 0.01, 0.5)), (0.5, 0, 60))
+    here = (0, 0, 0)
+    meshes = [
+        joined((CREATE.icosphere(4), here), pole, (CREATE.box((1, 0.01, 1)), here)),
+        joined((CREATE.icosphere(4), here), pole, flag),
+        joined((CREATE.box((2, 2, 0.1)), here), (CREATE.icosphere(1, 0.05), (0, 0, 4))),
+        joined((BALL, here), (BALL, (500, 0, 0))),
+        joined((CREATE.box((1000, 1000, 0.1)), here), (CREATE.icosphere(4), (400, 300, 1))),
+        clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [9, 0, 0]], [[0, 1, 2]]),
+        clbvh.Mesh.from_arrays([[5, 5, 5]] * 3, [[0, 1, 2]]),
+    ]
+    wholes = [SceneBounds.of_mesh(mesh) for mesh in meshes]
+    wholes += [bounds_of(clbvh.open_scene(name)[0]) for name in ("demo", "galaxy", "meadow", "palace", "weekend")]
+    radii, places = [109, 0.38, 0.95, 1, 0.53], [0, 9100, 17000, 23500, 35800]
+    wholes.append(bounds_of(clbvh.Scene(clbvh.Spheres([[x, 0, 0] for x in places], radii))))  # a sun and its planets
+    for bounds in wholes:
+        assert frame_without_outliers(bounds) == (bounds, None)
+
+
+@pytest.mark.parametrize("shading", ["depth", "studio"])
+def test_the_picture_is_that_of_the_mesh_without_outliers(shading):
+    mesh = with_specks((0, 0, -300), (0, 0, 300))
+    view = {"width": 64, "height": 48, "shading": shading}
+    picture, expected = clbvh.render(mesh, **view), clbvh.render(as_mesh(BALL), **view)
+    np.testing.assert_allclose(picture.camera.eye, expected.camera.eye, rtol=0.01)
+    assert abs(picture.rgb.astype(int) - expected.rgb).mean() < 4
+    assert "--frame all" in picture.notes[0]
+    whole = clbvh.render(mesh, frame="all", **view)
+    assert whole.notes == ()
+    assert np.linalg.norm(whole.camera.eye) > 100
+    # A camera of one's own is nobody else's business.
+    assert clbvh.render(mesh, camera=expected.camera, **view).notes == ()
