@@ -48,21 +48,19 @@ class Place:
     ----------
     folder : Path
     temporary, output, cache : Path
-        Below it: for temporary files, for pictures, and the user's cache.
-    slowest_end_s : float
-        The longest time from a signal to the end.
+        Below it: for temporary files, where commands run, beside a small scene, and the user's cache.
     """
 
     folder: Path
     temporary: Path = field(init=False)
     output: Path = field(init=False)
     cache: Path = field(init=False)
-    slowest_end_s: float = 0.0
 
     def __post_init__(self) -> None:
         self.temporary, self.output, self.cache = (self.folder / name for name in ("tmp", "out", "cache"))
         for folder in (self.temporary, self.output, self.cache):
             folder.mkdir(parents=True, exist_ok=True)
+        (self.output / "scene.toml").write_text(_SCENE)
         self._launcher = self.folder / "launch.py"
         self._launcher.write_text(_LAUNCHER)
         self._shared_before = set(_SHARED_MEMORY.iterdir())
@@ -112,9 +110,7 @@ class Place:
         time.sleep(moment_s)
         if process.poll() is None:
             os.killpg(process.pid, number)
-        begin = time.perf_counter()
         outcome = self.finish(process)
-        self.slowest_end_s = max(self.slowest_end_s, time.perf_counter() - begin)
         assert wait_until(lambda: not list_session(process.pid), 10), "processes are left"
         return outcome
 
@@ -132,9 +128,3 @@ class Place:
         unfinished += [path for path in self.output.iterdir() if path.name.startswith(".") or path.stat().st_size == 0]
         shared = [path for path in _SHARED_MEMORY.iterdir() if path not in self._shared_before and "clbvh" in path.name]
         return [str(path) for path in [*self.temporary.iterdir(), *unfinished, *shared]]
-
-
-def scene_in(place: Place) -> Place:
-    """Put a small scene into the folder where commands run."""
-    (place.output / "scene.toml").write_text(_SCENE)
-    return place

@@ -38,16 +38,8 @@ def sphere(tmp_path):
 
 
 def test_every_example_is_tested():
-    assert {path.stem for path in EXAMPLES.glob("*.py")} == {
-        "ambient_occlusion",
-        "camera_images",
-        "depth_map",
-        "distance_grid",
-        "inside_test",
-        "lidar_scan",
-        "sky_view",
-        "turntable",
-    }
+    text = Path(__file__).read_text()
+    assert [path.stem for path in EXAMPLES.glob("*.py") if f'run("{path.stem}"' not in text] == []
 
 
 def test_ambient_occlusion_of_a_sphere_is_open_sky(run, sphere, tmp_path):

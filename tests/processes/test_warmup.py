@@ -14,8 +14,6 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from clbvh.device.select import list_devices
-
 from ..cli.command import make_environment, refuses, run_clbvh
 from ..docs.test_pages import MESHES
 
@@ -60,16 +58,10 @@ def run_spied(folder, tasks):
 
 
 @pytest.fixture(scope="module")
-def warmed(session_of_module, tmp_path_factory):
+def warmed(_opened_device, tmp_path_factory):
     """What a warm-up leaves behind, and its report."""
     code, output = run_spied(tmp_path_factory.mktemp("warm"), [["warmup", "--json"]])
     return set(code["versions"]), json.loads(output)
-
-
-@pytest.fixture(scope="module")
-def session_of_module():
-    if not list_devices():
-        pytest.skip("no OpenCL device")
 
 
 @pytest.fixture
