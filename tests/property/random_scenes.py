@@ -12,7 +12,7 @@ import clbvh
 from clbvh import Mesh, Spheres, make_shape
 from clbvh.scene.state import SceneState
 
-from ..unit.trace.scene_states import ALL, affine, make_state, turn
+from ..unit.trace.scene_states import ALL, affine, make_state, scene_of, turn
 
 GRID = 4
 RAYS = 120
@@ -43,13 +43,7 @@ class RandomScene:
 
     def contents(self) -> clbvh.Scene:
         """The scene by its public interface."""
-        scene = clbvh.Scene()
-        geometries = [scene.add(shape) for shape in self.state.shapes]
-        for geometry, transform, mask in zip(
-            self.state.geometry_ids, self.state.transforms, self.state.masks, strict=True
-        ):
-            scene.place(geometries[geometry], transform, mask=int(mask))
-        return scene
+        return scene_of(self.state)
 
 
 def _as_mesh(corners: np.ndarray) -> Mesh:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from clbvh import Scene
 from clbvh.scene.state import SceneState
 
 ALL = 0xFFFFFFFF
@@ -16,6 +17,15 @@ def make_state(shapes, *placed):
         np.array([row[2] for row in rows], np.uint32), tuple(f"instance {index}" for index in range(len(rows))),
         np.full((len(rows), 3), np.nan), (), np.full(len(rows), -1, np.int32),
     )  # fmt: skip
+
+
+def scene_of(state):
+    """The same scene by the public interface."""
+    scene = Scene()
+    geometries = [scene.add(shape) for shape in state.shapes]
+    for geometry, transform, mask in zip(state.geometry_ids, state.transforms, state.masks, strict=True):
+        scene.place(geometries[geometry], transform, mask=int(mask))
+    return scene
 
 
 def affine(linear=(1, 1, 1), offset=(0, 0, 0)):

@@ -4,49 +4,78 @@ import numpy as np
 import pytest
 import trimesh
 
-from clbvh.builders.build import build
-from clbvh.errors import ConfigError, QueryError
-from clbvh.geometry import Mesh
-from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh import ConfigError, Mesh, QueryError, Scene, Spheres, Tracer, make_shape
 from clbvh.structs import NO_PRIM
 from clbvh.trace.hits.hits import Hits
-from clbvh.trace.tracer import Tracer
+
+from .scene_states import affine
 
 RAYS = 4000
-
-
-def make_soup(generator, thickness=1.0):
-    """Triangles of all sizes; their third corner is this far from the edge of the first two."""
-    a = generator.normal(size=(200, 3))
-    ab = generator.normal(size=(200, 3)) * 10.0 ** generator.uniform(-6, 0, (200, 1))
-    c = (
-        a
-        + ab * generator.random((200, 1))
-        + generator.normal(size=(200, 3)) * np.abs(ab).max(axis=1)[:, None] * thickness
-    )
-    return np.stack([a, a + ab, c], axis=1).reshape(-1, 3), np.arange(600).reshape(-1, 3)
-
-
-MESHES = {
-    "soup": lambda generator: make_soup(generator),
-    "slivers": lambda generator: make_soup(generator, 10.0 ** generator.uniform(-8, -3, (200, 1))),
-    "needles": lambda generator: make_soup(generator, 10.0 ** generator.uniform(-20, -8, (200, 1))),
-    "knot": lambda generator: (lambda mesh: (mesh.vertices @ turn(generator), mesh.faces))(
-        make_shape("knot", triangles=2000)
-    ),
-}
+TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]
 
 
 def turn(generator):
     return np.linalg.qr(generator.normal(size=(3, 3)))[0]
 
 
-def make_hits(tracer, mesh, generator, count=RAYS):
-    """Hits of rays at points of the triangles, many of them close to edges, from near and far."""
-    faces = generator.integers(mesh.face_count, size=count)
-    weights = generator.dirichlet(np.full(3, 0.4), count)
-    targets = (weights[:, :, None] * mesh.vertices[mesh.faces[faces]]).sum(axis=1)
-    away = generator.normal(size=(count, 3)) * np.ptp(mesh.vertices) * 10.0 ** generator.uniform(-2, 1, (count, 1))
+def make_soup(generator, low=0, high=0):
+    """Triangles of all sizes; their third corner is about 10^low to 10^high edges away from the first edge."""
+    a = generator.normal(size=(200, 3))
+    ab = generator.normal(size=(200, 3)) * 10.0 ** generator.uniform(-6, 0, (200, 1))
+    widths = np.abs(ab).max(axis=1, keepdims=True) * 10.0 ** generator.uniform(low, high, (200, 1))
+    c = a + ab * generator.random((200, 1)) + generator.normal(size=(200, 3)) * widths
+    return Mesh.from_arrays(np.stack([a, a + ab, c], axis=1).reshape(-1, 3), np.arange(600).reshape(-1, 3))
+
+
+def make_spheres(generator):
+    return Spheres(generator.normal(size=(200, 3)), 10 ** generator.uniform(-3, -0.5, 200))
+
+
+SHAPES = {
+    "soup": make_soup,
+    "slivers": lambda generator: make_soup(generator, -8, -3),
+    "needles": lambda generator: make_soup(generator, -20, -8),
+    "spheres": make_spheres,
+}
+
+MAPS = {
+    "rotation": turn,
+    "mirror": lambda generator: turn(generator) @ np.diag([1, 1, -1]) @ turn(generator),
+    "stretch": lambda generator: turn(generator) @ np.diag(10 ** generator.uniform(-2, 2, 3)) @ turn(generator),
+    "flattened": lambda generator: turn(generator) @ np.diag([1, 1, 10 ** generator.uniform(-12, -4)]),
+    "needle": lambda generator: turn(generator) @ np.diag([1e-5, 1e-8, 1]),
+    "shear": lambda generator: turn(generator) @ [[1, 100, 0], [0, 1, 0], [0, 0, 1]] @ turn(generator),
+}
+
+
+def make_source(shape, name, far, size, generator):
+    """A shape alone, or several instances of it; of this size, and this many sizes from zero."""
+    if name == "alone":
+        if isinstance(shape, Spheres):
+            return Scene(Spheres((shape.centres + far) * size, shape.radii * size))
+        return Scene(Mesh.from_arrays((shape.vertices + far * generator.normal(size=3)) * size, shape.faces))
+    scene = Scene()
+    geometry = scene.add(shape)
+    for _ in range(4):
+        scene.place(geometry, affine(MAPS[name](generator) * size, (2 * generator.normal(size=3) + far) * size))
+    return scene
+
+
+def make_hits(tracer, scene, generator, count=RAYS):
+    """Hits of rays at points of primitives, many of them close to edges and inside of spheres, from near and far."""
+    shape, transforms = scene.geometries[0].shape, scene.snapshot().transforms
+    prims = generator.integers(shape.prim_count, size=count)
+    if isinstance(shape, Spheres):
+        outwards = generator.normal(size=(count, 3)) * generator.choice([1, 0.9999, 0.5], (count, 1))
+        outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+        targets = shape.centres[prims] + shape.radii[prims, None] * outwards
+    else:
+        weights = generator.dirichlet(np.full(3, 0.4), count)
+        targets = (weights[:, :, None] * shape.vertices[shape.faces[prims]]).sum(axis=1)
+    chosen = transforms[generator.integers(len(transforms), size=count)]
+    targets = np.einsum("nij,nj->ni", chosen[:, :3, :3], targets) + chosen[:, :3, 3]
+    size = np.abs(transforms[:, :3, :3]).max() * np.ptp(shape.vertices if isinstance(shape, Mesh) else shape.centres)
+    away = generator.normal(size=(count, 3)) * size * 10.0 ** generator.uniform(-2, 1, (count, 1))
     hits = tracer.closest_hit(targets + away, -away)
     return hits[hits.is_hit]
 
@@ -60,151 +89,145 @@ def make_directions(normals, generator):
     return directions * 10.0 ** generator.uniform(-20, 20, (len(normals), 1))
 
 
-def find_own(tracer, hits, origins, directions):
-    """Whether any query reports the triangle that each ray leaves."""
-    crossings = tracer.all_hits(origins, directions)
-    own = tracer.closest_prim(origins, directions) == hits.prim_id
-    own[crossings.ray_id[crossings.prim_id == hits.prim_id[crossings.ray_id]]] = True
-    return own
+def count_own(tracer, hits, origins, directions):
+    """How often each ray crosses the primitive that it leaves, at most 1 if only the closest hit says so."""
+    crossings, closest = tracer.all_hits(origins, directions), tracer.closest_hit(origins, directions)
+    ray_id = crossings.ray_id
+    is_own = (crossings.prim_id == hits.prim_id[ray_id]) & (crossings.instance_id == hits.instance_id[ray_id])
+    is_closest = (closest.prim_id == hits.prim_id) & (closest.instance_id == hits.instance_id)
+    return np.maximum(np.bincount(ray_id[is_own], minlength=len(hits)), is_closest)
 
 
-@pytest.mark.parametrize("size", [1e-30, 1.0, 1e30])
-@pytest.mark.parametrize("far", [0.0, 1e3, 1e9, 1e13])
-@pytest.mark.parametrize("name", MESHES)
-class TestOwnTriangle:
-    def open(self, session, name, far, size):
-        generator = np.random.default_rng(13)
-        vertices, faces = MESHES[name](generator)
-        mesh = Mesh.from_arrays((vertices + far * generator.normal(size=3)) * size, faces)
-        return mesh, Tracer(build(mesh), device=session.info), generator
+def find_hopeless(hits, origins, is_inside):
+    """Which start points are in spheres too small for them: they may have moved to the centre.
 
-    def test_on_the_side_of_the_viewer(self, session, name, far, size):
-        mesh, tracer, generator = self.open(session, name, far, size)
-        with tracer:
-            hits = make_hits(tracer, mesh, generator)
-            towards_viewer = np.where(hits.is_front[:, None], hits.normals, -hits.normals)
-            directions = make_directions(towards_viewer, generator)
-            assert not find_own(tracer, hits, hits.offset_origins(), directions).any()
+    How far they have moved is known to the rounding of their world coordinates.
+    """
+    inverse = hits.surface.arrays.inverse[hits.instance_id]
+    moved = np.linalg.norm(np.einsum("nij,nj->ni", inverse, origins - hits.locations), axis=1)
+    noise = np.linalg.norm(np.einsum("nij,nj->ni", np.abs(inverse), 2.0**-51 * np.abs(origins)), axis=1)
+    return is_inside & (moved + noise > 0.99 * hits.surface.arrays.spheres[hits.prim_id, 3])
 
-    def test_towards_any_direction(self, session, name, far, size):
-        mesh, tracer, generator = self.open(session, name, far, size)
-        with tracer:
-            hits = make_hits(tracer, mesh, generator)
-            directions = generator.normal(size=(len(hits), 3))
-            directions -= generator.choice([0.0, 0.999999, 1.0], (len(hits), 1)) * (
-                (directions * hits.normals).sum(axis=1, keepdims=True) * hits.normals
-            )
-            assert not find_own(tracer, hits, hits.offset_origins(towards=directions), directions).any()
+
+@pytest.mark.parametrize("kind", SHAPES)
+@pytest.mark.parametrize("name", ["alone", *MAPS])
+def test_rays_do_not_meet_the_primitive_that_they_leave(session, kind, name):
+    is_sphere = kind == "spheres"
+    far_ones = (1e7,) if name != "alone" else (1e4,) if is_sphere else (1e3, 1e9, 1e13)
+    for far, size in [(0.0, 1.0), *((far, size) for far in far_ones for size in (1e-30, 1.0, 1e30))]:
+        generator = np.random.default_rng(19)
+        scene = make_source(SHAPES[kind](generator), name, far, size, generator)
+        with Tracer(scene, device=session.info) as tracer:
+            hits = make_hits(tracer, scene, generator)
+            assert len(hits) > 20
+            # On the side of the ray; and through the surface, on the side to which a direction leads.
+            above = make_directions(hits.normals(facing=True), generator)
+            towards = generator.normal(size=(len(hits), 3))
+            heights = (towards * hits.normals).sum(axis=1, keepdims=True)
+            if not is_sphere:
+                towards -= generator.choice([0.0, 0.999999, 1.0], heights.shape) * heights * hits.normals
+            for origins, directions, is_inside in (
+                (hits.offset_origins(), above, ~hits.is_front),
+                (hits.offset_origins(towards=towards), towards, heights[:, 0] < 0),
+            ):
+                count = count_own(tracer, hits, origins, directions)
+                # From inside of a sphere, every ray leaves it once.
+                is_known = ~find_hopeless(hits, origins, is_inside) if is_sphere else np.ones(len(hits), bool)
+                np.testing.assert_array_equal(count[is_known], (is_inside & is_sphere)[is_known], str((far, size)))
+            if (name, far) == ("rotation", 0) and kind in ("soup", "spheres"):
+                # The rays are hard ones, and the start points are close.
+                front = hits[hits.is_front]
+                own = count_own(tracer, front, front.locations, make_directions(front.normals, generator))
+                assert (own > 0).mean() > 0.1
+                leaps = np.linalg.norm(hits.offset_origins() - hits.locations, axis=1)
+                assert (leaps > 0).all()
+                shape = scene.geometries[0].shape
+                assert leaps.max() < 6e-5 * np.abs(shape.local_box).max() / shape.scale
 
 
 @pytest.mark.parametrize("size", [1e-30, 1.0, 1e30])
 @pytest.mark.parametrize("name", ["ball", "box", "floor"])
 def test_rays_that_leave_a_convex_mesh_meet_nothing(session, name, size):
     generator = np.random.default_rng(17)
-    if name == "ball":
-        shape = make_shape("icosphere", triangles=1280)
-        vertices, faces = shape.vertices * [1, 0.2, 3] @ turn(generator), shape.faces
-    elif name == "box":
-        box = trimesh.creation.box((2.0, 0.5, 1.0))
-        vertices, faces = box.vertices @ turn(generator), box.faces
+    if name == "floor":
+        x, y = np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 1, 12))
+        corners = np.arange(144).reshape(12, 12)
+        a, b, c, d = (corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:])
+        vertices, faces = np.stack((x, y, 0 * x), axis=-1).reshape(-1, 3), np.stack([a, b, c, a, c, d], axis=-1)
     else:
-        vertices, faces = make_floor()
-        vertices = vertices @ turn(generator)
-    mesh = Mesh.from_arrays((vertices + generator.normal(size=3)) * size, faces)
-    with Tracer(build(mesh), device=session.info) as tracer:
-        hits = make_hits(tracer, mesh, generator, 20_000)
+        shape = trimesh.creation.box((2.0, 0.5, 1.0)) if name == "box" else make_shape("icosphere", triangles=1280)
+        vertices, faces = shape.vertices * [1, 0.2, 3], shape.faces
+    scene = Scene(
+        Mesh.from_arrays((vertices @ turn(generator) + generator.normal(size=3)) * size, faces.reshape(-1, 3))
+    )
+    with Tracer(scene, device=session.info) as tracer:
+        hits = make_hits(tracer, scene, generator, 20_000)
         assert len(hits) > 5000
-        if name == "floor":
-            outside = np.where(hits.is_front, 1.0, -1.0)[:, None]
-        else:
-            hits, outside = hits[hits.is_front], 1.0
-        directions = make_directions(outside * hits.normals, generator)
+        if name != "floor":
+            hits = hits[hits.is_front]
+        directions = make_directions(hits.normals(facing=True), generator)
         assert not tracer.any_hit(hits.offset_origins(), directions).any()
         # The rays are hard ones: without an offset, many meet the mesh.
         assert tracer.any_hit(hits.locations, directions).mean() > 0.01
 
 
-def make_floor():
-    """A square of many triangles in one plane."""
-    side = np.arange(12)
-    vertices = np.stack(np.meshgrid(side, side, [0]), axis=-1).reshape(-1, 3) / 11.0
-    corners = np.arange(144).reshape(12, 12)
-    a, b, c, d = (
-        block.reshape(-1) for block in (corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:])
-    )
-    return vertices, np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+def test_start_points_of_a_far_scene_need_no_more_than_its_rounding(session):
+    generator = np.random.default_rng(29)
+    scene = make_source(make_shape("knot", triangles=2000), "rotation", 1e7, 1.0, generator)
+    with Tracer(scene, device=session.info) as tracer:
+        hits = make_hits(tracer, scene, generator)
+    assert np.linalg.norm(hits.offset_origins() - hits.locations, axis=1).max() < 1e-3
 
 
 @pytest.fixture(scope="module")
-def tracer(_opened_device):
-    mesh = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    with Tracer(build(mesh), device=_opened_device.info) as opened:
+def triangle(_opened_device):
+    with Tracer(TRIANGLE, device=_opened_device.info) as opened:
         yield opened
 
 
 class TestSides:
-    def test_is_front(self, tracer):
-        origins = [[0.2, 0.2, 1], [0.2, 0.2, -1], [5, 5, 5]]
-        directions = [[0, 0, -1], [0, 0, 1], [0, 0, 1]]
-        assert tracer.closest_hit(origins, directions).is_front.tolist() == [True, False, False]
-        crossings = tracer.all_hits(origins, directions)
+    def test_points_are_close_to_the_surface_and_on_the_side_of_the_ray(self, triangle):
+        origins, directions = [[0.2, 0.2, 1], [0.2, 0.2, -1], [5, 5, 5]], [[0, 0, -1], [0, 0, 1], [0, 0, 1]]
+        hits, crossings = triangle.closest_hit(origins, directions), triangle.all_hits(origins, directions)
+        assert hits.is_front.tolist() == [True, False, False]
         assert crossings.is_front.tolist() == [True, False]
-        assert (crossings.offset_origins()[:, 2] > 0).tolist() == [True, False]
+        points = crossings.offset_origins()
+        np.testing.assert_array_equal(points[:, :2], crossings.locations[:, :2])
+        assert (points[:, 2] > 0).tolist() == [True, False]
+        assert (np.abs(points[:, 2]) < 1e-5).all()
 
-    def test_points_are_close_to_the_surface_and_above_the_hit(self, tracer):
-        origins = np.random.default_rng(19).random((100, 3)) * [0.4, 0.4, 1.0]
-        hits = tracer.closest_hit(origins, [0, 0, -1])
-        points = hits.offset_origins()
-        np.testing.assert_array_equal(points[:, :2], hits.locations[:, :2])
-        assert (points[:, 2] > 0).all()
-        assert (points[:, 2] < 1e-5).all()
-
-    def test_towards_broadcasts(self, tracer):
-        hits = tracer.closest_hit([[0.2, 0.2, 1], [0.3, 0.3, -1]], [[0, 0, -1], [0, 0, 1]])
+    def test_towards_broadcasts(self, triangle):
+        hits = triangle.closest_hit([[0.2, 0.2, 1], [0.3, 0.3, -1]], [[0, 0, -1], [0, 0, 1]])
         directions = np.array([[0, 0, 1], [0, 0, -1], [1, 0, -1e-300], [5e-324, 0, 5e-324]])[:, None]
         points = hits.offset_origins(towards=directions)
-        assert points.shape == (4, 2, 3)
         assert (points[..., 2] > 0).tolist() == [[True, True], [False, False], [False, False], [True, True]]
         assert hits.offset_origins(towards=[0, 0, 1]).shape == (2, 3)
         assert hits[0].offset_origins().shape == (3,)
         assert hits[0].offset_origins(towards=np.ones((7, 3))).shape == (7, 3)
-
-    def test_a_light_behind_the_triangle_is_blocked_by_it(self, tracer):
-        hits = tracer.closest_hit([0.2, 0.2, 1], [0, 0, -1])
-        assert tracer.any_hit(hits.offset_origins(), [0, 0, -1])
-        assert not tracer.any_hit(hits.offset_origins(towards=[0, 0, -1]), [0, 0, -1])
-
-    def test_misses_are_nan_and_left_out_by_is_hit(self, tracer):
-        hits = tracer.closest_hit([[0.2, 0.2, 1], [9, 9, 1]], [0, 0, -1])
-        for points in (hits.offset_origins(), hits.offset_origins(towards=[0, 0, 1])):
-            assert np.isnan(points).all(axis=1).tolist() == [False, True]
-        with pytest.raises(QueryError, match="is not finite"):
-            tracer.any_hit(hits.offset_origins(), [0, 0, 1])
-        assert tracer.any_hit(hits[hits.is_hit].offset_origins(), [0, 0, 1]).tolist() == [False]
         assert hits[[]].offset_origins().shape == hits[[]].offset_origins(towards=[0, 0, 1]).shape == (0, 3)
 
-    def test_hits_of_unknown_side_ask_for_directions(self):
-        mesh = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-        hits = Hits(*np.array([[1.0, np.inf], [0.2, 0], [0.2, 0]]), np.array([0, NO_PRIM], np.int32), mesh)
-        with pytest.raises(ConfigError, match=r"call offset_origins\(towards=directions\)$"):
-            hits.offset_origins()
-        assert hits.offset_origins(towards=[0, 0, 1])[0, 2] > 0
-        with pytest.raises(ConfigError, match="do not know their mesh"):
-            Hits(*np.zeros((3, 2)), np.zeros(2, np.int32)).offset_origins(towards=[0, 0, 1])
+    def test_a_light_behind_the_triangle_is_blocked_by_it(self, triangle):
+        hits = triangle.closest_hit([0.2, 0.2, 1], [0, 0, -1])
+        assert triangle.any_hit(hits.offset_origins(), [0, 0, -1])
+        assert not triangle.any_hit(hits.offset_origins(towards=[0, 0, -1]), [0, 0, -1])
 
-    def test_wrong_directions(self, tracer):
-        hits = tracer.closest_hit(np.ones((4, 3)), [0, 0, -1])
-        with pytest.raises(QueryError, match=r"^towards must have a shape that broadcasts against that of the hits"):
-            hits.offset_origins(towards=np.ones((5, 3)))
-        with pytest.raises(QueryError, match=r"^towards must have shape \(3,\)"):
-            hits.offset_origins(towards=np.ones((4, 2)))
-
-
-def test_normals_of_triangles_without_area_are_across_them():
-    """Collinear corners that float32 sees as a triangle are hit, and then have to be left."""
-    direction = np.array([0.3, 0.5, 0.7])
-    mesh = Mesh.from_arrays([0 * direction, direction, 0.5 * direction, [1, 1, 1]], [[0, 1, 2], [0, 0, 0]])
-    hits = Hits(np.ones(2), np.zeros(2), np.zeros(2), np.array([0, 1], np.int32), mesh)
-    assert np.linalg.norm(hits.normals[0]) == pytest.approx(1)
-    assert abs(hits.normals[0] @ direction) < 1e-15
-    assert np.isnan(hits.normals[1]).all()
+    def test_misses_are_nan_and_what_is_refused(self, triangle):
+        hits = triangle.closest_hit([[0.2, 0.2, 1], [9, 9, 1]], [0, 0, -1])
+        for points in (hits.offset_origins(), hits.offset_origins(towards=[0, 0, 1])):
+            assert np.isnan(points).all(axis=1).tolist() == [False, True]
+        given = np.array([[1.0, np.inf], [0.2, 0], [0.2, 0]]), np.array([0, NO_PRIM], np.int32)
+        of_unknown_side = Hits(*given[0], given[1], Mesh.from_arrays(*TRIANGLE))
+        assert of_unknown_side.offset_origins(towards=[0, 0, 1])[0, 2] > 0
+        for call, error, words in (
+            (lambda: triangle.any_hit(hits.offset_origins(), [0, 0, 1]), QueryError, "is not finite"),
+            (lambda: hits.offset_origins(towards=np.ones((5, 3))), QueryError, "^towards must have a shape that broad"),
+            (lambda: hits.offset_origins(towards=np.ones((2, 2))), QueryError, r"^towards must have shape \(3,\)"),
+            (of_unknown_side.offset_origins, ConfigError, r"call offset_origins\(towards=directions\)$"),
+            (
+                lambda: Hits(*given[0], given[1]).offset_origins(towards=[0, 0, 1]),
+                ConfigError,
+                "do not know their mesh",
+            ),
+        ):
+            with pytest.raises(error, match=words):
+                call()

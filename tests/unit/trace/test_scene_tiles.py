@@ -1,42 +1,73 @@
-"""Rays of a scene that begin where their tile's beam leads them hit what they hit from the root, byte for byte."""
+"""Pictures among rays: their rows are found, and rays that begin where their tile's beam leads them hit the same."""
 
 from unittest.mock import patch
 
 import numpy as np
 import pytest
 
-import clbvh
-from clbvh import Tracer
+from clbvh import Mesh, Spheres, Tracer, make_shape
 from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.structs import ENTRY_POINT_LAYOUTS, TILE
 from clbvh.trace import put_rays
 from clbvh.trace.rays import pieces
+from clbvh.trace.rays.batch import read_rays
+from clbvh.trace.rays.coherence import find_row_length
 from clbvh.trace.world.world import World
 
 from ...profiles import seeds
 from ...property.random_scenes import KINDS, LINEAR, RAY_MASKS, make_scene, scale_scene
-from .scene_states import ALL, affine, make_state, random_linear, turn
+from .scene_states import ALL, affine, make_state, random_linear, scene_of, turn
 
 WIDTH, HEIGHT = 75, 44  # no multiples of a tile's
 
 NO_LIST, NO_INSTANCE = -1, -1
 
 
-@pytest.fixture(scope="module")
-def device(_opened_device):
-    return _opened_device
+class TestRows:
+    def row_length(self, origins, directions):
+        return find_row_length(read_rays(origins.reshape(-1, 3), directions.reshape(-1, 3), 0.0, np.inf)[0])
 
+    def picture(self, width, height):
+        return frame_mesh(make_shape("icosphere", triangles=80), aspect=width / height).rays(width, height)
 
-@pytest.fixture(autouse=True)
-def small_pictures(monkeypatch):
-    """Take the few rays of these tests for those of a picture."""
-    monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
-    monkeypatch.setattr(pieces, "is_scattered", lambda *arguments: False)
+    def test_the_rows_of_pictures_of_any_size(self):
+        for width, height in ((1920, 1080), (640, 480), (64, 64), (1155, 866), (33, 40)):
+            for dtype in (np.float32, np.float64):
+                assert self.row_length(*(part.astype(dtype) for part in self.picture(width, height))) == width
+
+    def test_other_pictures(self):
+        origins, directions = self.picture(320, 200)
+        jitter = np.random.default_rng(1).uniform(-0.5, 0.5, directions.shape)
+        jittered = directions + jitter * np.abs(directions[0, 1] - directions[0, 0])
+        x, y = np.meshgrid(np.linspace(0, 1, 300), np.linspace(0, 1, 300))
+        turns, rise = np.meshgrid(np.linspace(0, 2 * np.pi, 720, endpoint=False), np.linspace(-1.55, 1.55, 360))
+        scan = np.stack((np.cos(turns) * np.cos(rise), np.sin(turns) * np.cos(rise), np.sin(rise)), axis=-1)
+        for name, rays, expected in (
+            ("jittered", (origins, jittered), 320),
+            ("four samples of a pixel", (np.repeat(origins, 4, axis=1), np.repeat(directions, 4, axis=1)), 1280),
+            ("by columns", (origins.swapaxes(0, 1), directions.swapaxes(0, 1)), 200),
+            ("cut off in a row", [part.reshape(-1, 3)[: 320 * 150 + 77] for part in (origins, directions)], 320),
+            ("parallel", (np.stack((x, y, 0 * x), axis=-1), np.broadcast_to([0.0, 0.0, -1.0], (300, 300, 3))), 300),
+            ("a scan all around, whose rows have no ends", (np.zeros_like(scan), scan), 720),
+        ):
+            assert self.row_length(*rays) == expected, name
+
+    def test_no_pictures(self):
+        origins, directions = (part.reshape(-1, 3) for part in self.picture(320, 200))
+        order = np.random.default_rng(2).permutation(len(origins))
+        # No two rows of a disc are equally long.
+        x, y = np.meshgrid(np.linspace(-1, 1, 320), np.linspace(-1, 1, 200))
+        disc = (x**2 + y**2 < 1).reshape(-1)
+        for chosen in (order, slice(320), disc):
+            assert self.row_length(origins[chosen], directions[chosen]) is None
+        for count in (0, 1, 31, 512, 5000):
+            for value in (np.nan, np.inf, 0.0, 1.0):
+                assert self.row_length(np.full((count, 3), value), np.full((count, 3), value)) is None
 
 
 @pytest.fixture
 def tiles(monkeypatch):
-    """The tiles that are found from now on, launch by launch."""
+    """The tiles that are found from now on, launch by launch; the few rays of a test are taken for a picture's."""
     found, find = [], put_rays.find_entry_points
 
     def record(session, world, kernel, take, work_size, tile, **arguments):
@@ -47,14 +78,15 @@ def tiles(monkeypatch):
         return starts
 
     monkeypatch.setattr(put_rays, "find_entry_points", record)
+    monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
+    monkeypatch.setattr(pieces, "is_scattered", lambda *arguments: False)
     return found
 
 
 def look(eye, towards, width, *, is_parallel=False):
     """Rays of a square picture of this width at the distance of `towards`: (HEIGHT, WIDTH, 3) each."""
     way = np.asarray(towards, np.float64) - eye
-    distance = np.linalg.norm(way)
-    axes = np.linalg.svd(way[None] / distance)[2]
+    axes = np.linalg.svd(way[None] / np.linalg.norm(way))[2]
     x, y = np.meshgrid(np.linspace(-1, 1, WIDTH), np.linspace(-1, 1, HEIGHT))
     across = width / 2 * (x[..., None] * axes[1] + y[..., None] * axes[2])
     if is_parallel:
@@ -74,22 +106,14 @@ def ask(tracer, origins, directions, **limits):
     return [np.asarray(array).tobytes() for array in arrays], closest
 
 
-def contents(state):
-    scene = clbvh.Scene()
-    geometries = [scene.add(shape) for shape in state.shapes]
-    for geometry, transform, mask in zip(state.geometry_ids, state.transforms, state.masks, strict=True):
-        scene.place(geometries[geometry], transform, mask=int(mask))
-    return scene
-
-
-def check_all(device, scene, asked, tiles):
+def check_all(session, state, asked, tiles):
     """Ask with and without entry points, in all layouts that have them; return the closest hits of each of `asked`.
 
     `asked` yields rays and limits, given the tracer.
     """
     answers = []
     for layout in ENTRY_POINT_LAYOUTS:
-        with Tracer(scene, device=device.info, layout=layout) as tracer:
+        with Tracer(scene_of(state), device=session.info, layout=layout) as tracer:
             for has_entry_points in (True, False):
                 before = len(tiles)
                 with patch.object(World, "has_entry_points", has_entry_points):
@@ -101,88 +125,69 @@ def check_all(device, scene, asked, tiles):
     return [closest for _, closest in answers[0]]
 
 
-def check(device, scene, rays, tiles, **limits):
+def check(session, state, rays, tiles, **limits):
     """The closest hits, which entry points do not change, and all tiles."""
-    (closest,) = check_all(device, scene, lambda tracer: [(rays, limits)], tiles)
+    (closest,) = check_all(session, state, lambda tracer: [(rays, limits)], tiles)
     return closest, np.concatenate(tiles)
 
 
-def random_views(scene, generator):
+def random_views(state, generator):
     """Pictures of a random scene: of all of it, of an instance, along an axis, from within."""
-    state = scene.state
     chosen = generator.integers(0, len(state.transforms))
     linear, target = state.transforms[chosen, :3, :3], state.transforms[chosen, :3, 3]
-    size = 8 * np.linalg.norm(linear, 2)
-    way = generator.normal(size=3)
+    size, way = 8 * np.linalg.norm(linear, 2), generator.normal(size=3)
     way *= size / np.linalg.norm(way)
     yield look(target - 2 * way, target, 2 * size)
     yield look(target - 50 * way, target, size)
     yield look(target - 2e4 * way, target, size)
     yield look(target, target + way, 3 * size)
-    axis = size * np.eye(3)[generator.integers(0, 3)]
-    yield look(target - 3 * axis, target, size, is_parallel=True)
+    yield look(target - 3 * size * np.eye(3)[generator.integers(0, 3)], target, size, is_parallel=True)
 
 
-@pytest.mark.parametrize("scale", [1.0, 1e-30, 1e30])
-@pytest.mark.parametrize("is_far", [False, True], ids=["near", "far"])
+@pytest.mark.parametrize(("scale", "is_far"), [(1.0, False), (1.0, True), (1e-30, True), (1e30, False)])
 @pytest.mark.parametrize("seed", seeds(2))
-def test_random_scenes(device, tiles, seed, is_far, scale):
-    scene = scale_scene(make_scene(seed, tuple(KINDS), tuple(LINEAR), is_far=is_far), scale)
+def test_random_scenes(session, tiles, seed, is_far, scale):
+    state = scale_scene(make_scene(seed, tuple(KINDS), tuple(LINEAR), is_far=is_far), scale).state
 
     def asked(tracer):
         generator = np.random.default_rng([seed, 77])
-        for rays in random_views(scene, generator):
+        for rays in random_views(state, generator):
             yield rays, {}
             first = tracer.closest_hit(*rays)
             t, shape = np.where(first.is_hit, first.t, 1.0), first.t.shape
-            yield (
-                rays,
-                {
-                    "t_min": np.where(generator.random(shape) < 0.4, t * generator.choice([0.5, 1.0], shape), 0.0),
-                    "t_max": np.where(generator.random(shape) < 0.4, t * generator.choice([1.0, 1.5], shape), np.inf),
-                    "mask": generator.choice(RAY_MASKS, shape).astype(np.uint32),
-                },
-            )
+            t_min = np.where(generator.random(shape) < 0.4, t * generator.choice([0.5, 1.0], shape), 0.0)
+            t_max = np.where(generator.random(shape) < 0.4, t * generator.choice([1.0, 1.5], shape), np.inf)
+            masks = generator.choice(RAY_MASKS, shape).astype(np.uint32)
+            yield rays, {"t_min": t_min, "t_max": t_max, "mask": masks}
 
-    hits = check_all(device, contents(scene.state), asked, tiles)
-    assert sum(each.count for each in hits) > 500
-    kinds = np.concatenate(tiles)["leaf_count"]
-    assert len(np.unique(kinds)) > 1
+    assert sum(hits.count for hits in check_all(session, state, asked, tiles)) > 500
+    assert len(np.unique(np.concatenate(tiles)["leaf_count"])) > 1
 
 
-@pytest.mark.parametrize("seed", seeds(4))
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_a_mesh_under_any_map_is_entered_at_once(device, tiles, seed, dtype):
+@pytest.mark.parametrize("seed", seeds(2))
+def test_an_instance_is_entered_at_once(session, tiles, seed, dtype):
     generator = np.random.default_rng([seed, 78])
-    mesh = clbvh.make_shape("knot", triangles=3000)
-    state = make_state([mesh], (0, affine(random_linear(generator), generator.uniform(-1e3, 1e3, 3))))
-    vertices = mesh.vertices @ state.transforms[0, :3, :3].T + state.transforms[0, :3, 3]
-    camera = frame_mesh(clbvh.Mesh.from_arrays(vertices, mesh.faces), aspect=WIDTH / HEIGHT)
-    rays = tuple(part.astype(dtype) for part in camera.rays(WIDTH, HEIGHT))
-    hits, found = check(device, contents(state), rays, tiles)
-    assert 0.02 < hits.is_hit.mean() < 0.98
-    assert (found["leaf_count"] == 0).mean() > 0.02
-    assert (found["instance_index"] != NO_INSTANCE).mean() > 0.1
+    knot = make_shape("knot", triangles=3000)
+    balls = Spheres(generator.normal(size=(500, 3)), generator.uniform(0.01, 0.2, 500))
+    for shape, points in ((knot, knot.vertices), (balls, balls.centres)):
+        state = make_state([shape], (0, affine(random_linear(generator), generator.uniform(-1e3, 1e3, 3))))
+        placed = points @ state.transforms[0, :3, :3].T + state.transforms[0, :3, 3]
+        camera = frame_mesh(Mesh.from_arrays(placed, [[0, 1, 2]]), aspect=WIDTH / HEIGHT)
+        tiles.clear()
+        hits, found = check(session, state, [part.astype(dtype) for part in camera.rays(WIDTH, HEIGHT)], tiles)
+        assert 0.02 < hits.is_hit.mean() < 0.98
+        assert (found["leaf_count"] == 0).mean() > 0.02
+        assert (found["instance_index"] != NO_INSTANCE).mean() > 0.1
 
 
-def test_spheres_are_entered_at_once(device, tiles):
-    generator = np.random.default_rng(79)
-    spheres = clbvh.Spheres(generator.normal(size=(500, 3)), generator.uniform(0.01, 0.2, 500))
-    state = make_state([spheres], (0, affine(turn(2, 0.3) @ np.diag([1, 0.5, 2]), (3, 4, 5))))
-    hits, found = check(device, contents(state), look((3, 4, -9), (3, 4, 5), 9.0), tiles)
-    assert 0.05 < hits.is_hit.mean() < 0.95
-    assert (found["instance_index"] != NO_INSTANCE).mean() > 0.2
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_many_instances_are_listed_or_found_from_a_node_that_has_them(device, tiles, dtype):
+def test_many_instances_are_listed_or_found_from_a_node_that_has_them(session, tiles):
     generator = np.random.default_rng(80)
     places = [(0, affine(random_linear(generator, 1.2), generator.uniform(-9, 9, 3))) for _ in range(600)]
     # A second cluster beside the first one, so that views of it begin below the root.
     places += [(0, row[1] + affine((0, 0, 0), (60, 0, 0)) - np.diag([0, 0, 0, 1])) for row in places]
-    state = make_state([clbvh.make_shape("icosphere", triangles=80)], *places)
-    rays = tuple(part.astype(dtype) for part in look((60, 2, -40), (60, 0, 0), 24.0))
-    hits, found = check(device, contents(state), rays, tiles)
+    state = make_state([make_shape("icosphere", triangles=80)], *places)
+    hits, found = check(session, state, look((60, 2, -40), (60, 0, 0), 24.0), tiles)
     assert hits.is_hit.mean() > 0.5
     is_list = found["leaf_count"] > 1
     assert is_list.mean() > 0.05
@@ -193,36 +198,32 @@ def test_many_instances_are_listed_or_found_from_a_node_that_has_them(device, ti
         assert (np.diff(tile["t_near"][:count]) >= 0).all()
 
 
-def test_instances_that_no_ray_of_a_tile_sees_are_left_out(device, tiles):
-    state = make_state([clbvh.make_shape("icosphere", triangles=80)], (0, affine(turn(0, 1.0)), 2))
-    rays = look((0, 0, -6), (0, 0, 0), 1.0)
-    hits, found = check(device, contents(state), rays, tiles, mask=1)
-    assert hits.count == 0
-    assert (found["leaf_count"] == 0).all()
-    tiles.clear()
-    hits, found = check(device, contents(state), rays, tiles, mask=2)
-    assert hits.is_hit.all()
-    assert (found["leaf_count"] == 1).all()
+def test_instances_that_no_ray_of_a_tile_sees_are_left_out(session, tiles):
+    state = make_state([make_shape("icosphere", triangles=80)], (0, affine(turn(0, 1.0)), 2))
+    for mask, is_seen in ((1, False), (2, True)):
+        tiles.clear()
+        hits, found = check(session, state, look((0, 0, -6), (0, 0, 0), 1.0), tiles, mask=mask)
+        assert (hits.is_hit == is_seen).all()
+        assert (found["leaf_count"] == is_seen).all()
 
 
-def test_a_leaf_that_is_the_only_block(device, tiles):
+def test_a_leaf_that_is_the_only_block(session, tiles):
     """The block 0 has the number that stands for no child."""
-    mesh = clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    mesh = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     for offset in (0, 5):
         state = make_state([mesh], (0, affine(turn(1, 0.5), (offset, 0, 0))), (0, affine(turn(1, 0.4), (-20, 0, 0))))
-        hits, _ = check(device, contents(state), look((offset, 0.3, -4), (offset, 0.3, 0), 2.0), tiles)
+        hits, _ = check(session, state, look((offset, 0.3, -4), (offset, 0.3, 0), 2.0), tiles)
         assert hits.is_hit.mean() > 0.05
 
 
+@pytest.mark.usefixtures("tiles")
 @pytest.mark.parametrize("changed", [None, 7, -2])
-def test_rays_that_share_an_eye_are_those_that_do_not(device, changed):
+def test_rays_that_share_an_eye_are_those_that_do_not(open_tracer, world, changed):
     """One low part for all rays gives what one for each gives; also where a single ray has another origin."""
-    state = make_scene(3, tuple(KINDS), tuple(LINEAR)).state
     origins, directions = (part.reshape(-1, 3).astype(np.float32) for part in look((0.1, 0.2, -40), (0, 0, 0), 30))
-    origins = origins.copy()
     if changed is not None:
+        origins = origins.copy()
         origins[changed] += 1e-3
     masks = np.full(len(origins), ALL, np.uint32)
-    with Tracer(contents(state), device=device.info) as tracer:
-        (shared, _), (single, _) = (ask(tracer, origins, directions, mask=mask) for mask in (ALL, masks))
+    (shared, _), (single, _) = (ask(open_tracer(world), origins, directions, mask=mask) for mask in (ALL, masks))
     assert shared == single
