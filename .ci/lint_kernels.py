@@ -27,10 +27,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[1]
-FOLDERS = ("cl", "tests/kernel/kernels")
+FOLDERS = ("cl",)
 
-# Where the host looks for an include: a shell kernel's own folder, then the shipped kernels.
-INCLUDE_ROOTS = ("tests/kernel", "cl")
+# Where the host looks for an include.
+INCLUDE_ROOTS = ("cl",)
 
 # The include that the host makes from clbvh/structs.py.
 STRUCTS_INCLUDE = "structs.cl"

@@ -2,7 +2,7 @@
 // enough; with these, all devices have the same bits.
 //
 // The coefficients minimize the largest relative error, by iteratively reweighted least squares (Lawson, 1961); the
-// errors stated include the rounding, and are those that tests/kernel/test_trigonometry.py allows.
+// errors stated include the rounding, and are those that tests/kernel/test_numbers.py allows.
 
 #include "math/numeric.cl"
 

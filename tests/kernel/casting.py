@@ -8,10 +8,14 @@ from clbvh.structs import HIT, LAYOUT_WIDTHS, NO_PRIM, WIDE_NODES
 from clbvh.trace.world.starts import TILE_KERNEL, find_entry_points
 
 from ..worlds import mesh_on_device
-from .packed_rays import make_rays
-from .programs import find_kernel
+from .programs import build_text, make_rays
 
 FLAT_TILE = (64, 1)
+
+# The kernels that cast rays, in one program: a test compiles all of them at once.
+KERNELS = ("any_hit", "closest_hit", "count_hits", "first_hits", TILE_KERNEL)
+SOURCE = "\n".join(f'#include "kernels/{name}.cl"' for name in KERNELS)
+
 NO_LIMIT = np.iinfo(np.int32).max
 
 # The results of each kernel: the argument's name and the dtype of one result.
@@ -27,7 +31,7 @@ STACK_SIZE = 48
 
 
 @contextmanager
-def open_caster(session, mesh, bvh, layout="auto", *, row_length=None, tile=FLAT_TILE, with_entry_points=False):
+def open_caster(session, mesh, bvh=None, layout="auto", *, row_length=None, tile=FLAT_TILE, with_entry_points=False):
     """Give a `Caster` for a mesh and its tree; `bvh` None for no tree.
 
     `row_length` is the number of rays in a row, all of them without it.
@@ -114,4 +118,5 @@ class Caster:
 
     def _kernel(self, name):
         stack_size = max(STACK_SIZE, self._world.defines["STACK_SIZE"])
-        return find_kernel(self._session, "ray_kernels", name, self._world.defines | {"STACK_SIZE": stack_size})
+        defines = self._world.defines | {"STACK_SIZE": stack_size}
+        return build_text(self._session, SOURCE, tuple(sorted(defines.items())))[name]

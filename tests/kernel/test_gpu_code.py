@@ -1,4 +1,4 @@
-"""The code of kernels for GPUs that need not be here, see `.ci/gpu_report.py`."""
+"""The code of kernels for GPUs that need not be here, see `.ci/gpu_report.py`; and the lint of kernel sources."""
 
 import importlib.util
 import re
@@ -7,20 +7,20 @@ from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / ".ci" / "gpu_report.py"
+SCRIPTS = Path(__file__).parents[2] / ".ci"
 
 
-def load_report():
-    """The script as a module."""
-    spec = importlib.util.spec_from_file_location("gpu_report", SCRIPT)
+def load_script(name):
+    """A script as a module."""
+    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     # Dataclasses look their module up.
-    sys.modules["gpu_report"] = module
+    sys.modules[name] = module
     spec.loader.exec_module(module)
     return module
 
 
-report = load_report()
+report, lint = load_script("gpu_report"), load_script("lint_kernels")
 compiles = pytest.mark.skipif(bool(report.find_missing()), reason=report.find_missing())
 
 # The layout of GPUs, and kernels with all that a traversal needs. `make gpu-report` compiles the others, too.
@@ -32,13 +32,12 @@ PROGRAMS = [
 ]
 GPUS = [gpu for gpu in report.AMD if gpu.name != "gfx1100"]  # clang 15 gives that one half of its registers
 
+# Bytes of private memory beside the stacks: a few vectors.
+ELSE = 32
+
 
 def name_program(program):
     return f"{program.kernel}{', scenes' if program.of_scene else ''}"
-
-
-# Bytes of private memory beside the stacks: a few vectors.
-ELSE = 32
 
 
 @compiles
@@ -56,28 +55,22 @@ def test_bvh2_spills_no_register_and_keeps_nothing_but_stacks_in_memory(program,
 @pytest.mark.parametrize("program", PROGRAMS, ids=name_program)
 def test_bvh2_spills_no_register_of_nvidia(program):
     ptx = report.compile_to_ptx(program)
-    figures = report.assemble_for_nvidia(ptx, report.NVIDIA[-1], report.find_ptxas())
-    assert figures.spilled == 0
-
-
-@compiles
-def test_nodes_are_loaded_in_long_words():
-    (closest_hit,) = [program for program in PROGRAMS if name_program(program) == "closest_hit"]
-    ptx = report.compile_to_ptx(closest_hit)
-    # The boxes of two children are twelve words, what follows them four.
-    assert ptx.count("ld.global.v4") >= 4
-    loads, words = report.count_loads(ptx)
-    assert words > 2 * loads
+    assert report.assemble_for_nvidia(ptx, report.NVIDIA[-1], report.find_ptxas()).spilled == 0
 
 
 @compiles
 @pytest.mark.parametrize("program", PROGRAMS, ids=name_program)
-def test_arithmetic_is_that_of_every_device(program):
+def test_arithmetic_is_that_of_every_device_and_nodes_are_loaded_in_long_words(program):
     ptx = report.compile_to_ptx(program)
     # An operation that does not say how it rounds may be fused with the next one, or be an approximation.
     operations = set(re.findall(r"\b(?:add|sub|mul|fma|div|sqrt|rcp)\.[a-z.]*f(?:32|64)\b", ptx))
     assert operations
     assert all(re.fullmatch(r"[a-z]+\.rn\.f32", operation) for operation in operations), operations
+    if name_program(program) == "closest_hit":
+        # The boxes of two children are twelve words, what follows them four.
+        assert ptx.count("ld.global.v4") >= 4
+        loads, words = report.count_loads(ptx)
+        assert words > 2 * loads
 
 
 def test_loads_are_counted_in_words():
@@ -94,3 +87,75 @@ def test_every_kernel_is_compiled_in_every_layout():
     for of_scene in (False, True):
         layouts = {each.layout for each in programs if each.kernel == "closest_hit" and each.of_scene == of_scene}
         assert layouts == {"bvh2", "bvh4", "bvh8"}
+
+
+def test_the_shipped_sources_are_clean(capsys):
+    assert lint.main([]) == 0, capsys.readouterr().out
+
+
+def test_a_finding_names_file_and_line_and_fails(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(lint, "PROJECT", tmp_path)
+    (tmp_path / "cl").mkdir()
+    (tmp_path / "cl" / "a.cl").write_text("int a;\nint b; \n")
+    assert lint.main(["cl"]) == 1
+    assert capsys.readouterr().out == "cl/a.cl:2: trailing space\n"
+
+
+# Definitions of every kind.
+LIBRARY = """#define SIZE 4
+typedef float8 lanes_t;
+typedef struct {
+    float x;
+} point_t;
+INLINED float twice(
+    const float x)
+{
+    return 2.0f * x;
+}
+"""
+
+BUILT_IN = ("normalize(v)", "dot(v, v)", "native_exp (x)", "pow(x, 2.0f)", "(double)x", "atom_add(p, 1)")
+USES = ("int a[SIZE];", "lanes_t a;", "const point_t a;", "float a = twice(1.0f);")
+NO_USES = ("int a;", "// twice", "/* SIZE\nlanes_t */", 'char *a = "SIZE";', "float x;")
+
+# The text of a.cl, those of other files, and the findings in a.cl: each line, and a part of its message.
+FINDINGS = [
+    ("int a;\n", {}, []),
+    (f"int a;  // {'x' * 109}\n", {}, []),
+    (f"int a;  // {'x' * 110}\n", {}, [(1, "121 characters")]),
+    ("int a;\n\tint b; \n", {}, [(2, "a tab"), (2, "trailing space")]),
+    ("int a;\r\n", {}, [(1, "trailing space")]),
+    ("int a;", {}, [(1, "no newline")]),
+    ("int a;\n\n", {}, [(2, "blank line")]),
+    ('  #include "structs.cl"  // why\nhit_t a;\n', {}, [(1, "an include is a line of its own")]),
+    ('#include "none.cl"\n', {}, [(1, "'none.cl' is in none of")]),
+    *((f"float f()\n{{\n    return {use};  // dot(v, v)\n}}\n", {}, [(3, "differs between")]) for use in BUILT_IN),
+    ("// dot(a, b), double\nfloat f(float x)\n{\n    return my_dot(x) + dot_product(x);\n}\n", {}, []),
+    # An include is used by any of the identifiers that it defines, outside of comments and strings.
+    *((f'#include "b.cl"\n{use}\n', {"b": LIBRARY}, []) for use in USES),
+    *((f'int b;\n#include "b.cl"\n{use}\n', {"b": LIBRARY}, [(2, "")]) for use in NO_USES),
+    ('#include "structs.cl"\nhit_t a;\n', {}, []),
+    ('#include "structs.cl"\nint a;\n', {}, [(1, "")]),
+    # What an include brings counts if no other include brings it, and for the one that defines it.
+    ('#include "b.cl"\nint a[SIZE];\n', {"b": '#include "c.cl"\nint b;\n', "c": "#define SIZE 4\n"}, []),
+    ('#include "b.cl"\n#include "c.cl"\nint a[SIZE];\n', {"b": '#include "c.cl"\nint b;\n', "c": "#define SIZE 4\n"},
+     [(1, "")]),
+    ('#include "b.cl"\nint a[SIZE];\n', {"b": '#include "a.cl"\n#define SIZE 4\n'}, []),
+    # A reason keeps includes to the next blank line, and a file of includes alone needs none.
+    ('// keep: expanded\n// before\n#include "b.cl"\n#if 1\n#include "c.cl"\n#endif\n\n#include "d.cl"\nint a;\n',
+     {"b": "int b;\n", "c": "int c;\n", "d": "int d;\n"}, [(8, "")]),
+    ('// keep:\n#include "b.cl"\nint a;\n', {"b": "int b;\n"}, [(2, "")]),
+    ('// All of it.\n\n#include "b.cl"\n', {"b": "int b;\n"}, []),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "others", "expected"), FINDINGS)
+def test_each_rule_of_the_lint_finds_what_breaks_it(tmp_path, text, others, expected):
+    (tmp_path / "cl").mkdir()
+    for name, content in {"a": text, **others}.items():
+        (tmp_path / "cl" / f"{name}.cl").write_text(content, encoding="utf-8", newline="")
+    structs = "typedef struct {\n    float t;\n} hit_t;\n"
+    found = lint.Linter(tmp_path, structs).check(tmp_path / "cl" / "a.cl")
+    assert [line for line, _ in found] == [line for line, _ in expected]
+    for (_, message), (_, words) in zip(found, expected, strict=True):
+        assert words in message

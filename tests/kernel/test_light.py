@@ -1,0 +1,370 @@
+"""Light at surfaces and from environments: samples agree with densities, and densities and energies with integrals."""
+
+import numpy as np
+import pytest
+
+import clbvh
+from clbvh.layouts.pack_normals import pack_normals
+from clbvh.rendering.environment_map import find_axes, make_environment_tables, solid_angles
+from clbvh.rendering.look_tables import LUMINANCE, TextureTables
+from clbvh.structs import VIEW
+
+GRID = 256
+COSINES = (1.0, 0.8, 0.3, 0.05)
+MATERIAL = {"base_colour": (1, 1, 1), "metallic": 0, "roughness": 0.5, "ior": 1.5, "transmission": 0, "back": 0}
+
+SCATTER = """
+    appearance_t look;
+    look.base_colour = material.s012;
+    look.metallic = material.s3; look.roughness = material.s4; look.ior = material.s5; look.transmission = material.s6;
+    const bsdf_t bsdf = make_bsdf(&look, material.s7 != 0.0f, eye);
+    scattered_t scattered;
+    float density = 0.0f;
+    if (sample_bsdf(&bsdf, eye, sample.x, sample.yz, &scattered)) {
+        drawn = (float8)(scattered.direction, scattered.weight, scattered.density, scattered.is_below ? 2.0f : 1.0f);
+        const float3 value = evaluate_bsdf(&bsdf, eye, scattered.direction, &density);
+        at_drawn = (float4)(value, density);
+    }
+    const float3 value = evaluate_bsdf(&bsdf, eye, light, &density);
+    at_light = (float4)(value, density);
+"""
+
+
+@pytest.fixture
+def scatter(call):
+    """A function from an eye's cosine, samples, directions to evaluate and a material to what is drawn and evaluated.
+
+    That is, drawn: direction, weight, density, and 0 for none, 1 above, 2 below the surface; then value and density
+    there, and value and density in the given directions.
+    """
+
+    def run(cosine, samples=((0, 0, 0),), to_light=((0, 0, 1),), **material):
+        rows = {
+            "material": np.hstack([*(MATERIAL | material).values()])[None],
+            "eye": [[np.sqrt(1 - cosine**2), 0, cosine]],
+            "sample": np.asarray(samples, float),
+            "light": np.asarray(to_light, float),
+        }
+        found = call("film/bsdf.cl", SCATTER, "float8 drawn, float4 at_drawn, float4 at_light", **rows)
+        return [values.astype(np.float64) for values in found]
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def samples():
+    """(GRID^2, 3): a lobe and a point of the square each; the lobes are in every part of the square."""
+    generator = np.random.default_rng(7)
+    cells = np.stack(np.meshgrid(np.arange(GRID), np.arange(GRID)), axis=-1).reshape(-1, 2)
+    return np.hstack([generator.random((GRID**2, 1)), (cells + generator.random((GRID**2, 2))) / GRID])
+
+
+def hemisphere_grid(rows=512, columns=512):
+    """Directions, and their solid angles: closer to each other opposite to the eye."""
+    angle, place = np.pi / 2 * (np.arange(rows) + 0.5) / rows, (2 * np.arange(columns) + 1) / columns - 1
+    angle, place = (each.ravel() for each in np.meshgrid(angle, place))
+    z, level, turn = np.cos(angle), np.sin(angle), np.pi * (1 + place**3)
+    angles = (np.pi / 2 * level / rows) * (2 * np.pi * 3 * place**2 / columns)
+    return np.column_stack([level * np.cos(turn), level * np.sin(turn), z]), angles
+
+
+@pytest.mark.parametrize("metallic", [0, 0.5, 1])
+def test_weight_times_density_is_the_value(scatter, samples, metallic):
+    for cosine in COSINES:
+        for roughness in (0.05, 0.3, 1.0):  # 0.05 is a highlight of a fifth of a degree
+            material = {"metallic": metallic, "roughness": roughness, "base_colour": (0.9, 0.5, 0.1)}
+            drawn, at_drawn, _ = scatter(cosine, samples[::16], **material)
+            assert (drawn[:, 7] > 0).sum() > 100
+            np.testing.assert_allclose(drawn[:, 6], at_drawn[:, 3], rtol=1e-6)
+            np.testing.assert_allclose(drawn[:, 3:6] * drawn[:, 6:7], at_drawn[:, :3], rtol=1e-5, atol=1e-30)
+
+
+@pytest.mark.parametrize("roughness", [0, 1])
+def test_without_a_coat_all_is_diffuse(scatter, samples, roughness):
+    for cosine in COSINES:
+        drawn, at_drawn, _ = scatter(cosine, samples, ior=1, roughness=roughness, base_colour=(0.9, 0.5, 0.1))
+        density = drawn[:, 2] / np.pi
+        np.testing.assert_allclose(drawn[:, 6], density, rtol=1e-6)
+        np.testing.assert_allclose(drawn[:, 3:6], np.tile([0.9, 0.5, 0.1], (len(drawn), 1)), rtol=1e-6)
+        np.testing.assert_allclose(at_drawn[:, :3], density[:, None] * [0.9, 0.5, 0.1], rtol=1e-6)
+        # A cosine and a turn that are independent, and evenly spread.
+        turns = np.arctan2(drawn[:, 1], drawn[:, 0]) / (2 * np.pi) % 1
+        counts = np.histogram2d(drawn[:, 2] ** 2, turns, bins=4, range=[[0, 1], [0, 1]])[0]
+        assert np.abs(counts / len(drawn) * 16 - 1).max() < 0.05
+
+
+@pytest.mark.parametrize("cosine", COSINES)
+@pytest.mark.parametrize("roughness", [0.3, 1.0])
+@pytest.mark.parametrize("metallic", [0, 1])
+def test_density_and_energy(scatter, samples, metallic, roughness, cosine):
+    """The density's integral is the share of samples that are drawn; the value's is the mean weight, 1 at most."""
+    directions, angles = hemisphere_grid()
+    _, _, values = scatter(cosine, to_light=directions, metallic=metallic, roughness=roughness)
+    drawn, *_ = scatter(cosine, samples, metallic=metallic, roughness=roughness)
+    integral = angles @ values
+    assert integral[3] <= 1 + 1e-3
+    np.testing.assert_allclose(integral[3], (drawn[:, 7] > 0).mean(), rtol=0, atol=4e-3)
+    np.testing.assert_allclose(drawn[:, 3:6].mean(axis=0), integral[:3], rtol=1e-2)
+    assert integral[:3].max() <= 1 + 2e-3
+
+
+@pytest.mark.parametrize("cosine", COSINES)
+@pytest.mark.parametrize("back", [0, 1])
+def test_glass_keeps_energy(scatter, samples, back, cosine):
+    """A smooth boundary loses nothing; a rough one what facets hide."""
+    for roughness in (0.05, 0.5, 1):
+        drawn, *_ = scatter(cosine, samples, transmission=1, roughness=roughness, back=back)
+        assert drawn[:, 3].mean() <= 1 + 2e-3
+    drawn, *_ = scatter(cosine, samples, transmission=1, roughness=0, back=back)
+    np.testing.assert_allclose(drawn[:, 3], 1, rtol=1e-4)
+    # Snell's law, and Fresnel's share of the samples.
+    ratio = 1 / 1.5 if back else 1.5
+    sine = np.sqrt(1 - cosine**2) / ratio
+    below = drawn[drawn[:, 7] == 2]
+    if sine > 1:
+        assert len(below) == 0
+        return
+    inner = np.sqrt(1 - sine**2)
+    np.testing.assert_allclose(below[:, :3], np.tile([-sine, 0, -inner], (len(below), 1)), atol=2e-6)
+    parallel = (ratio * cosine - inner) / (ratio * cosine + inner)
+    across = (cosine - ratio * inner) / (cosine + ratio * inner)
+    assert abs(1 - len(below) / len(drawn) - (parallel**2 + across**2) / 2) < 6e-3
+
+
+def test_narrow_highlights_keep_their_density(scatter):
+    """The GGX distribution at its centre and flanks, to float32's precision, for nearly smooth surfaces."""
+    alpha = 0.04**2
+    tangent = alpha * np.array([0, 0.25, 1, 4, 20])
+    facet = np.column_stack([tangent, 0 * tangent, np.ones(5)]) / np.sqrt(1 + tangent**2)[:, None]
+    _, _, values = scatter(1.0, to_light=2 * facet[:, 2:] * facet - [0, 0, 1], metallic=1, roughness=0.04)
+    expected = alpha**2 / (np.pi * facet[:, 2] ** 4 * (alpha**2 + tangent**2) ** 2) / 4
+    np.testing.assert_allclose(values[:, 0], expected, rtol=2e-3)
+
+
+def test_any_material_gives_numbers(scatter, samples):
+    generator = np.random.default_rng(1)
+    last = np.float32(1) - np.float32(2**-24)
+    points = np.minimum(samples[:2000], last)
+    points[:8] = np.array(np.meshgrid([0, last], [0, last], [0, last])).reshape(3, 8).T
+    for _ in range(40):
+        material = {
+            "base_colour": generator.choice([0, 1e-30, 1], 3),
+            "metallic": generator.choice([0, 1, 2**-24]),
+            "roughness": generator.choice([0, 0.03, 0.032, 1]),
+            "ior": generator.choice([1, 1.0000001, 1.5, 100]),
+            "transmission": generator.choice([0, 1, 2**-24]),
+            "back": generator.integers(2),
+        }
+        for cosine in (1.0, 0.5, 1e-3, 1e-7, 0.0):
+            for values in scatter(cosine, points, **material):
+                assert np.isfinite(values).all(), (material, cosine)
+                assert (values[:, 3:] >= 0).all()
+
+
+COUNT = 1 << 16
+UP = np.array([0.0, 1.0, 0.0])
+
+
+def make_map(height, width):
+    return (np.random.default_rng(0).random((height, width, 3)) ** 8).astype(np.float32)
+
+
+def direction_of(column, row, width, height, up=UP, rotation=0.0):
+    """The unit vector of a place in the map, in pixels, by the stated convention."""
+    front, right = find_axes(up, rotation)
+    longitude, latitude = 2 * np.pi * (np.asarray(column) / width - 0.5), np.pi * np.asarray(row) / height
+    around = np.sin(longitude)[..., None] * right + np.cos(longitude)[..., None] * front
+    return np.sin(latitude)[..., None] * around + np.cos(latitude)[..., None] * up
+
+
+def even_places(width, height, count=16):
+    """Places in a map, (columns, rows) in pixels, `count` along each side of a pixel."""
+    columns, rows = np.meshgrid(*((np.arange(count * length) + 0.5) / count for length in (width, height)))
+    return columns.ravel(), rows.ravel()
+
+
+LIGHTS = "const lights_t lights = {0, 0, environment, environment_rows, environment_columns};"
+
+
+def run_lights(call, body, outputs, pixels, rows, *, up=UP, has_sun=False, **settings):
+    """Run lines of OpenCL with the tables of an environment."""
+    view = np.zeros(1, VIEW)
+    view["to_sky"], view["to_light"], view["has_sun"] = up, up, has_sun
+    tables = make_environment_tables(pixels)
+    tables.describe(view, clbvh.View(**settings))
+    given = {"tables": {"view": view, **tables.arrays}, "defines": {"HAS_CUTOUTS": 0, "SHADING": 6}}
+    return call("film/lights.cl", LIGHTS + body, outputs, **rows, **given).astype(np.float64)
+
+
+def draw(call, pixels, **settings):
+    """What is drawn: directions, light, densities, and the densities by the other way."""
+    body = """
+        sobol_sampler_t sampler = make_sampler(number, 0, 1);
+        light_sample_t light;
+        if (sample_light(&lights, view, (float3)(0.0f), &sampler, &light)) {
+            const float other = environment_density(&lights, view, light.direction);
+            drawn = (float8)(light.direction, light.radiance, light.density, other);
+        }
+    """
+    return run_lights(call, body, "float8 drawn", pixels, {"number": np.arange(COUNT, dtype=np.uint32)}, **settings)
+
+
+def look(call, pixels, directions, **settings):
+    """Light and density of given directions."""
+    body = """
+        const float3 light = environment_light(&lights, view, direction);
+        found = (float4)(light, environment_density(&lights, view, direction));
+    """
+    rows = {"direction": np.asarray(directions, float)}
+    return run_lights(call, body, "float4 found", pixels, rows, **settings)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 1), (1, 3), (8, 16), (64, 200)], ids=str)
+def test_both_ways_to_the_density_agree(call, size):
+    drawn = draw(call, make_map(*size))
+    np.testing.assert_allclose(np.linalg.norm(drawn[:, :3], axis=1), 1, rtol=1e-6)
+    # Rounding puts a few directions at the edges of pixels into the next ones.
+    assert np.isclose(drawn[:, 6], drawn[:, 7], rtol=1e-4).mean() > 0.999
+
+
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, 0, 1), (0.6, 0, -0.8)], ids=str)
+def test_the_mean_of_radiance_is_the_integral_of_light(call, up):
+    pixels, up = make_map(16, 32), np.array(up, float)
+    columns, rows = even_places(32, 16)
+    light = look(call, pixels, direction_of(columns, rows, 32, 16, up), up=up)[:, :3]
+    element = np.sin(np.pi * rows / 16)
+    expected = (light * element[:, None]).sum(axis=0) / element.sum() * 4 * np.pi
+    np.testing.assert_allclose(draw(call, pixels, up=up)[:, 3:6].mean(axis=0), expected, rtol=0.01)
+
+
+def test_density_is_share_over_solid_angle_and_integrates_to_one(call):
+    pixels, (columns, rows) = make_map(16, 32), even_places(32, 16)
+    found = look(call, pixels, direction_of(columns, rows, 32, 16))
+    element = np.sin(np.pi * rows / 16)
+    element *= 4 * np.pi / element.sum()
+    assert (found[:, 3] * element).sum() == pytest.approx(1, rel=1e-4)
+    # Shares of the light within each pixel.
+    pixel = np.floor(rows).astype(int) * 32 + np.floor(columns).astype(int)
+    light = np.bincount(pixel, found[:, :3] @ LUMINANCE, 16 * 32) / 16**2 * np.repeat(solid_angles(32, 16), 32)
+    shares = np.bincount(pixel, found[:, 3] * element, 16 * 32)
+    np.testing.assert_allclose(shares, light / light.sum(), rtol=2e-3)
+
+
+def test_drawn_directions_have_the_density(call):
+    pixels = make_map(4, 8)
+    x, y, z = draw(call, pixels)[:, :3].T
+    row = np.minimum(np.floor(np.arccos(np.clip(y, -1, 1)) / np.pi * 4).astype(int), 3)
+    column = np.floor((np.arctan2(z, x) / (2 * np.pi) + 0.5) * 8).astype(int) % 8
+    arrays = make_environment_tables(pixels).arrays
+    of_rows = np.diff(arrays["environment_rows"], prepend=0)[:, None]
+    expected = (of_rows * np.diff(arrays["environment_columns"], prepend=0, axis=1)).ravel() * COUNT
+    counts = np.bincount(row * 8 + column, minlength=32)
+    assert ((counts - expected) ** 2 / expected).sum() < 31 + 6 * np.sqrt(62)
+
+
+def test_a_second_source_gets_half_of_the_samples(call):
+    pixels, given = make_map(4, 8), direction_of(*even_places(8, 4), 8, 4)
+    alone = look(call, pixels, given)
+    sun = {"has_sun": True, "light": clbvh.Light(direction=(0, 1, 0))}
+    np.testing.assert_allclose(look(call, pixels, given, **sun)[:, 3], alone[:, 3] / 2, rtol=1e-6)
+    assert (draw(call, pixels, **sun)[:, 6] == 0).mean() == pytest.approx(0.5, abs=0.03)
+    # The automatic light goes out.
+    np.testing.assert_array_equal(look(call, pixels, given, has_sun=True), alone)
+
+
+@pytest.mark.parametrize("rotation", [0, 90, -30, 1000])
+def test_light_is_interpolated_between_the_centres_of_pixels(call, rotation):
+    pixels = make_map(8, 16)
+    columns, rows = (places.ravel() + 0.5 for places in np.meshgrid(np.arange(16), np.arange(8)))
+    given = direction_of(columns, rows, 16, 8, rotation=rotation)
+    found = look(call, pixels, given, environment_rotation=rotation, environment_strength=3.0)
+    np.testing.assert_allclose(found[:, :3], 3 * pixels.reshape(-1, 3), atol=2e-5)
+    # Halfway, also over the seam behind.
+    given = direction_of(columns + 0.5, rows, 16, 8, rotation=rotation)
+    means = (pixels + np.roll(pixels, -1, axis=1)) / 2
+    found = look(call, pixels, given, environment_rotation=rotation)
+    np.testing.assert_allclose(found[:, :3], means.reshape(-1, 3), atol=2e-5)
+
+
+def test_the_middle_is_along_x_and_z_is_to_its_right(call):
+    pixels = np.zeros((2, 4, 3), np.float32)
+    pixels[:, 1:3, 0] = 1  # the two columns beside the middle
+    pixels[:, 2:, 1] = 1  # the right half
+    pixels[0, :, 2] = 1
+    found = look(call, pixels, [(1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1), (0, 1, 0), (0, -1, 0)])
+    np.testing.assert_allclose(found[:4, :3], [(1, 0.5, 0.5), (0, 0.5, 0.5), (0.5, 1, 0.5), (0.5, 0, 0.5)], atol=1e-6)
+    np.testing.assert_allclose(found[4:, 1:3], [(0.5, 1), (0.5, 0)], atol=1e-6)
+
+
+def test_a_single_bright_pixel_at_a_pole_and_light_of_the_smallest_numbers_are_found(call):
+    pixels = np.zeros((512, 1024, 3), np.float32)
+    pixels[0, 3] = 1e20
+    drawn = draw(call, pixels)
+    assert (drawn[:, 1] > np.cos(3 * np.pi / 512)).all()
+    # The integral of the light, 1 to the row's centre and then falling to 0 over a row, times the angle to the pole.
+    expected = 1e20 * (13 / 24) * 2 * solid_angles(1024, 512)[0]
+    np.testing.assert_allclose(drawn[:, 3:6].mean(axis=0), expected, rtol=0.05)
+    drawn = draw(call, np.full((4, 8, 3), 1e-30, np.float32))
+    np.testing.assert_allclose(drawn[:, 3:6].mean(axis=0), 4e-30 * np.pi, rtol=0.02)
+
+
+def test_packed_normals_come_back(call):
+    signs = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    normals = np.concatenate((signs[np.abs(signs).sum(axis=1) > 0], np.random.default_rng(3).normal(size=(5000, 3))))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    packed = pack_normals(normals.astype(np.float32))
+    decoded = call("looks/looks.cl", "normal = decode_normal(packed);", "float3 normal", packed=packed)
+    np.testing.assert_allclose(np.linalg.norm(decoded, axis=1), 1, rtol=0, atol=2e-7)
+    sines = np.linalg.norm(np.cross(decoded.astype(float), normals), axis=1)
+    # Of the octahedral map with 16 bits a side; axes are exact.
+    assert np.degrees(sines).max() < 0.0045
+    assert (np.einsum("ij,ij->i", decoded, normals) > 0).all()
+    is_axis = np.abs(normals).max(axis=1) == 1
+    np.testing.assert_array_equal(decoded[is_axis], normals[is_axis])
+
+
+# The texels of a texture of one row, and those around it by the rules of its edges.
+ROW = [10, 60, 110, 160]
+AROUND = {
+    "repeat": [*ROW, *ROW, *ROW],
+    "clamp": [*[10] * 4, *ROW, *[160] * 4],
+    "mirror": [*ROW[::-1], *ROW, *ROW[::-1]],
+}
+
+
+def read(call, pixels, uvs, wrap, *, is_srgb=False):
+    """Colours of a texture, (n, 4)."""
+    pixels = np.concatenate((pixels, np.full((*pixels.shape[:2], 1), 255)), axis=2).astype(np.uint8)
+    tables = TextureTables()
+    number = tables.number(clbvh.Texture("row", pixels, is_srgb=is_srgb, wrap=(wrap, wrap)))
+    body = f"""
+        const texture_tables_t tables = {{textures, texels, decoded_srgb}};
+        colour = sample_texture(&tables, {number}, uv);
+    """
+    return call("looks/texture.cl", body, "float4 colour", uv=uvs, tables=tables.arrays())
+
+
+@pytest.mark.parametrize("wrap", AROUND)
+def test_textures_go_on_beyond_their_edges(call, wrap):
+    # Centres of texels and points between them, from one size before the texture to one behind it.
+    places = np.arange(-3.5, 7.01, 0.25)
+    expected = np.interp(places, np.arange(-4, 8) + 0.5, AROUND[wrap]) / 255
+    across, along = np.full(len(places), 0.5), places / len(ROW)
+    row = np.tile(np.array(ROW)[None, :, None], (1, 1, 3))
+    colours = read(call, row, np.stack((along, across), axis=1), wrap)
+    np.testing.assert_allclose(colours, np.stack([*[expected] * 3, np.ones(len(places))], axis=1), rtol=0, atol=1e-6)
+    # Row 0 is the top.
+    colours = read(call, row.transpose(1, 0, 2)[::-1], np.stack((across, along), axis=1), wrap)
+    np.testing.assert_allclose(colours[:, 0], expected, rtol=0, atol=1e-6)
+
+
+def test_srgb_is_decoded_before_it_is_blended(call):
+    black_and_white = np.array([[[0] * 3, [255] * 3]])
+    colour = read(call, black_and_white, [(0.5, 0.5)], "clamp", is_srgb=True)
+    assert colour[0, 0] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_places_that_no_texture_needs_have_some_colour(call):
+    places = [np.nan, np.inf, -np.inf, 1e30, -1e30]
+    colours = read(call, np.full((1, 4, 3), 200), [(place, 0.5) for place in places], "repeat")
+    assert ((colours >= 0) & (colours <= 1)).all()

@@ -1,0 +1,260 @@
+"""Sample points, and what they become: evenly spread points, directions by their densities, frames around normals."""
+
+import numpy as np
+import pytest
+
+# Numbers of a sampler that are drawn: sample_2d, sample_1d, sample_2d, sample_1d.
+DRAW = """
+    sobol_sampler_t sampler = make_sampler(begin.x, begin.y, begin.z);
+    const float2 first = sample_2d(&sampler);
+    const float third = sample_1d(&sampler);
+    const float2 fourth = sample_2d(&sampler);
+    drawn = (float8)(first, third, fourth, sample_1d(&sampler), 0.0f, 0.0f);
+"""
+PAIRS = ((0, 1), (3, 4))
+SINGLES = (2, 5)
+
+
+@pytest.fixture
+def draw(call):
+    """A function from number, sample index and seed, each broadcast, to the numbers drawn, (n, 6)."""
+
+    def run(number, sample_index, seed):
+        begin = np.stack(np.broadcast_arrays(number, sample_index, seed, 0), axis=-1).astype(np.uint32)
+        return call("sampling/sampler.cl", DRAW, "float8 drawn", begin=begin)[:, :6]
+
+    return run
+
+
+def count_in_cells(points, columns, rows):
+    """How many points, (n, 2), each cell of a grid has."""
+    cells = np.floor(points.astype(np.float64) * (columns, rows)).astype(int)
+    return np.bincount(cells[:, 0] * rows + cells[:, 1], minlength=columns * rows)
+
+
+@pytest.mark.parametrize("exponent", [0, 1, 4, 10])
+def test_every_elementary_interval_has_one_of_the_first_points(draw, exponent):
+    count = 1 << exponent
+    for number, seed in ((0, 0), (1, 77), (12345, 2**32 - 1)):
+        samples = draw(number, np.arange(count), seed)
+        for pair in PAIRS:
+            for power in range(exponent + 1):
+                np.testing.assert_array_equal(count_in_cells(samples[:, pair], 1 << power, count >> power), 1)
+        for column in SINGLES:
+            np.testing.assert_array_equal(np.sort(np.floor(samples[:, column] * count)), np.arange(count))
+
+
+def test_first_points_of_numbers_are_even_in_distribution_and_below_one(draw):
+    # Scrambling makes each point uniform over the numbers; chi-square of 32 x 32 cells, 6 standard deviations.
+    samples = draw(np.arange(1 << 17), 3, 0)
+    assert 0 <= samples.min() <= samples.max() < 1
+    for pair in (*PAIRS, (0, 2), (1, 3), (2, 5), (0, 4)):
+        counts, expected = count_in_cells(samples[:, pair], 32, 32), len(samples) / 1024
+        chi_square = ((counts - expected) ** 2 / expected).sum()
+        assert abs(chi_square - 1023) < 6 * np.sqrt(2 * 1023)
+
+
+def test_pairs_seeds_and_numbers_are_independent(draw):
+    count = 1 << 14
+    drawn = [draw(*begin) for begin in ((0, np.arange(count), 0), (1, np.arange(count), 0), (0, np.arange(count), 1))]
+    correlation = np.corrcoef(np.concatenate(drawn, axis=1).T.astype(np.float64))
+    np.fill_diagonal(correlation, 0)
+    # Independent columns would correlate by 1 / sqrt(count) = 0.008; those of one pair do far less.
+    assert np.abs(correlation).max() < 6 / np.sqrt(count)
+
+
+@pytest.fixture
+def bits_of(call):
+    """A function from numbers to their hashes, reversed bits, reversed second Sobol dimensions, and scrambled bits."""
+
+    def run(numbers, seed=0):
+        body = """
+            bits = (uint4)(hash_number(number), reverse_bits(number), sobol_second_reversed(number),
+                scramble(number, seed));
+        """
+        seeds = np.atleast_1d(np.uint32(seed))
+        return call("sampling/sampler.cl", body, "uint4 bits", number=np.uint32(numbers), seed=seeds).T
+
+    return run
+
+
+def reverse_bits(x):
+    return np.array([int(f"{value:032b}"[::-1], 2) for value in x.tolist()], np.uint32)
+
+
+def hash_number(x):
+    x = (x ^ (x >> np.uint32(16))) * np.uint32(0x21F0AAAD)
+    x = (x ^ (x >> np.uint32(15))) * np.uint32(0xD35A2D97)
+    return x ^ (x >> np.uint32(15))
+
+
+def test_bits_are_those_of_numpy(bits_of):
+    numbers = np.random.default_rng(21).integers(0, 1 << 32, 4000, dtype=np.uint32)
+    hashed, reversed_bits, _, _ = bits_of(numbers)
+    np.testing.assert_array_equal(hashed, hash_number(numbers))
+    np.testing.assert_array_equal(reversed_bits, reverse_bits(numbers))
+    # The direction numbers of the primitive polynomial x + 1 (Sobol, 1967): m becomes 2 m ^ m.
+    indices = np.arange(1 << 12)
+    expected, number = np.zeros(len(indices), np.uint32), 1
+    for bit in range(12):
+        expected ^= np.where(indices >> bit & 1, np.uint32(number << (31 - bit)), np.uint32(0))
+        number ^= 2 * number
+    np.testing.assert_array_equal(reverse_bits(bits_of(indices)[2]), expected)
+
+
+def test_a_scrambled_bit_depends_on_those_above_it_and_on_itself_alone(bits_of):
+    numbers, seeds = np.random.default_rng(22).integers(0, 1 << 32, (2, 500), dtype=np.uint32)
+    for bit in range(32):
+        changed = bits_of(numbers, seeds)[3] ^ bits_of(numbers ^ np.uint32(1 << bit), seeds)[3]
+        assert (changed >> np.uint32(bit) == 1).all()
+        # Each bit below is swapped for about half of the numbers.
+        for below in range(max(bit - 12, 0), bit - 1):
+            assert 0.3 < np.mean(changed >> np.uint32(below) & np.uint32(1)) < 0.7
+
+
+SIDE = 8
+
+
+def draw_on_screen(call, columns, rows, samples, seed=0):
+    """Samples of pixels, and where in the pixel they are before the filter."""
+    begin = np.stack(np.broadcast_arrays(columns, rows, samples, seed), axis=-1).reshape(-1, 4).astype(np.uint32)
+    body = """
+        sobol_sampler_t sampler = make_screen_sampler(begin.x, begin.y, begin.z, begin.w);
+        drawn = sample_2d(&sampler);
+        pattern = pattern_point(begin.z);
+    """
+    return call("film/pixel.cl sampling/screen.cl", body, "float2 drawn, float2 pattern", begin=begin)
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (SIDE, 3 * SIDE), (16384 - SIDE, 0)])
+def test_the_pixels_of_a_square_share_out_the_points(call, corner):
+    columns, rows = (begin + np.arange(SIDE) for begin in corner)
+    points, _ = draw_on_screen(call, *np.meshgrid(columns, rows, np.arange(8), indexing="ij"), seed=5)
+    # 512 points, one in each cell of a grid of 16 x 32, and of one of 32 x 16.
+    assert (count_in_cells(points, 16, 32) == 1).all()
+    assert (count_in_cells(points, 32, 16) == 1).all()
+
+
+def test_the_pattern_begins_at_the_centre_and_is_evenly_spread(call):
+    _, pattern = draw_on_screen(call, 0, 0, np.arange(4096))
+    assert (pattern[0] == 0.5).all()
+    golden = np.array([0.7548776662466927, 0.5698402909980532])
+    distance = np.abs(pattern - (0.5 + np.arange(4096)[:, None] * golden) % 1)
+    assert np.minimum(distance, 1 - distance).max() < 2e-6
+    counts = count_in_cells(pattern, 16, 16)
+    assert 13 <= counts.min() <= counts.max() <= 19
+
+
+ROWS = 1024
+WIDTHS = (1e-5, 0.5, 1, 2)
+
+# The largest difference of a mean over the grid from the integral: roots are steep at an edge of the square.
+MOMENT = {"rtol": 0, "atol": 3e-5}
+
+
+def warp(call, samples, width=0.5):
+    """What samples, (n, 2), become: by name, in float64."""
+    names = {"disk": 2, "tent": 2, "hemisphere": 3, "sphere": 3, "cone": 3}
+    body = """
+        disk = sample_disk(sample); tent = sample_tent_2d(sample); hemisphere = sample_hemisphere(sample);
+        sphere = sample_sphere(sample); cone = sample_cone(sample, width);
+    """
+    outputs = ", ".join(f"float{length} {name}" for name, length in names.items())
+    found = call("sampling/warps.cl", body, outputs, sample=np.float32(samples), width=[width])
+    return {name: points.astype(np.float64) for name, points in zip(names, found, strict=True)}
+
+
+@pytest.fixture(scope="module")
+def grid():
+    """The centres of the cells of a square grid: means over it are integrals."""
+    centres = (np.arange(ROWS) + 0.5) / ROWS
+    return np.stack(np.meshgrid(centres, centres, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+@pytest.fixture(scope="module")
+def warped(call, grid):
+    return warp(call, grid)
+
+
+def test_the_disk_is_even_and_neighbours_stay_neighbours(warped):
+    disk = warped["disk"]
+    squared = (disk**2).sum(axis=1)
+    assert squared.max() <= 1
+    np.testing.assert_allclose(disk.mean(axis=0), 0, **MOMENT)
+    np.testing.assert_allclose(disk.T @ disk / len(disk), np.eye(2) / 4, **MOMENT)
+    np.testing.assert_allclose((squared**2).mean(), 1 / 3, **MOMENT)
+    sector = np.floor((np.arctan2(disk[:, 1], disk[:, 0]) / (2 * np.pi) % 1) * 8).astype(int)
+    np.testing.assert_allclose(np.bincount(sector) / len(disk), 1 / 8, rtol=2e-3)
+    for axis in (0, 1):
+        step = np.linalg.norm(np.diff(disk.reshape(ROWS, ROWS, 2), axis=axis), axis=-1)
+        assert step.max() < 3.2 / ROWS
+
+
+def test_the_hemisphere_is_weighted_by_the_cosine_and_the_sphere_is_even(warped):
+    hemisphere, sphere = warped["hemisphere"], warped["sphere"]
+    np.testing.assert_allclose((hemisphere**2).sum(axis=1), 1, rtol=0, atol=5e-7)
+    z = hemisphere[:, 2]
+    assert z.min() > 0
+    # The density z / pi has the means 2/3 of z, 1/2 of z^2 and 2/5 of z^3.
+    np.testing.assert_allclose([z.mean(), (z**2).mean(), (z**3).mean()], [2 / 3, 1 / 2, 2 / 5], **MOMENT)
+    np.testing.assert_allclose(hemisphere[:, :2].mean(axis=0), 0, **MOMENT)
+    np.testing.assert_allclose((hemisphere[:, :2] ** 2).mean(axis=0), 1 / 4, **MOMENT)
+    np.testing.assert_allclose((sphere**2).sum(axis=1), 1, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(sphere.mean(axis=0), 0, **MOMENT)
+    np.testing.assert_allclose(sphere.T @ sphere / len(sphere), np.eye(3) / 3, **MOMENT)
+    np.testing.assert_allclose((sphere**4).mean(axis=0), 1 / 5, **MOMENT)
+
+
+def test_cones_are_even(call, grid):
+    for width in WIDTHS:
+        cone = warp(call, grid, width)["cone"]
+        np.testing.assert_allclose((cone**2).sum(axis=1), 1, rtol=0, atol=1e-6)
+        depth = 1 - cone[:, 2]
+        assert depth.max() <= width + 1e-7
+        # z is even from 1 - width to 1, and the mean of x^2 + y^2 = depth (2 - depth).
+        np.testing.assert_allclose(depth.mean(), width / 2, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(cone[:, :2].mean(axis=0), 0, rtol=0, atol=1e-6 * np.sqrt(width))
+        np.testing.assert_allclose((cone[:, :2] ** 2).mean(axis=0), (width - width**2 / 3) / 2, rtol=2e-6)
+
+
+def test_the_tent_has_its_density(warped):
+    tent = warped["tent"]
+    assert np.abs(tent).max() <= 1
+    np.testing.assert_allclose(tent.mean(axis=0), 0, **MOMENT)
+    np.testing.assert_allclose(tent.T @ tent / len(tent), np.eye(2) / 6, **MOMENT)
+    np.testing.assert_allclose((tent**4).mean(axis=0), 1 / 15, **MOMENT)
+
+
+def test_corners_of_the_square(call):
+    last = np.nextafter(np.float32(1), np.float32(0))
+    found = warp(call, [[0, 0], [0, last], [last, 0], [last, last], [0.5, 0.5], [0.5, 0], [0, 0.5]])
+    assert all(np.isfinite(points).all() for points in found.values())
+    np.testing.assert_allclose(found["disk"][0], -np.sqrt([0.5, 0.5]), atol=1e-6)
+    np.testing.assert_array_equal(found["disk"][4:], [[0, 0], [0, -1], [-1, 0]])
+    np.testing.assert_array_equal(found["hemisphere"][4], [0, 0, 1])
+    assert (found["hemisphere"][:, 2] >= 0).all()
+
+
+def test_frames_are_orthonormal_and_right_handed_and_vectors_go_in_and_out(call):
+    generator = np.random.default_rng(31)
+    normals = generator.normal(size=(50_000, 3))
+    # Close to both poles and to the equator, where the formula changes sides; and the axes.
+    normals[:10_000, :2] *= np.geomspace(1e-12, 1, 10_000)[:, None]
+    normals[10_000:20_000, 2] *= np.geomspace(1e-30, 1, 10_000)
+    normals[-9:] = np.concatenate((np.eye(3), -np.eye(3), [[1, 0, -0.0], [0, 1, -0.0], [-0.0, -0.0, -1]]))
+    normals = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
+    vectors = generator.normal(size=normals.shape).astype(np.float32)
+    body = """
+        const frame_t frame = frame_around(normal);
+        tangent = frame.tangent; bitangent = frame.bitangent; third = frame.normal;
+        outside = from_frame(&frame, vector); inside = to_frame(&frame, vector);
+    """
+    outputs = "float3 tangent, float3 bitangent, float3 third, float3 outside, float3 inside"
+    *frames, outside, inside = call("sampling/frame.cl", body, outputs, normal=normals, vector=vectors)
+    frames = np.stack(frames, axis=1).astype(np.float64)
+    np.testing.assert_array_equal(frames[:, 2], normals)
+    products = frames @ frames.transpose(0, 2, 1)
+    np.testing.assert_allclose(products, np.broadcast_to(np.eye(3), products.shape), rtol=0, atol=4e-7)
+    np.testing.assert_allclose(np.linalg.det(frames), 1, rtol=0, atol=4e-7)
+    np.testing.assert_allclose(outside, np.einsum("ni,nij->nj", vectors, frames), rtol=0, atol=2e-6)
+    np.testing.assert_allclose(inside, np.einsum("nj,nij->ni", vectors, frames), rtol=0, atol=2e-6)

@@ -1,0 +1,304 @@
+"""Surfaces of triangles, instances and spheres where rays meet them, in float64, and rays that leave them; colours."""
+
+import numpy as np
+import pytest
+
+from clbvh.structs import INSTANCE, SHADINGS, SPHERE, VIEW
+
+from ..rays import as_float32
+from .programs import make_rays, make_triangles
+
+COUNT = 20_000
+ROUNDING = 2.0**-24
+
+# Triangles with smaller angles have no precise normal in float32.
+SMALLEST_SINE = 0.05
+
+
+def make_corners(generator, scale, away):
+    """(n, 3, 3) float32: triangles of any shape but slivers."""
+    corners = (scale * (away + generator.uniform(-1, 1, (2 * COUNT, 3, 3)))).astype(np.float32)
+    edges = np.diff(corners[:, [0, 1, 2, 0]].astype(np.float64), axis=1)
+    edges /= np.linalg.norm(edges, axis=2, keepdims=True)
+    sines = np.linalg.norm(np.cross(edges, np.roll(edges, 1, axis=1)), axis=2)
+    return corners[sines.min(axis=1) > SMALLEST_SINE][:COUNT]
+
+
+def make_weights(generator):
+    """(n, 2) float32: u and v inside the triangle, on its edges and at its corners."""
+    weights = generator.dirichlet([1, 1, 1], COUNT)
+    weights[:1000] = np.eye(3)[generator.integers(0, 3, 1000)]
+    weights[1000:3000, 0] = 0
+    weights[1000:3000] /= weights[1000:3000].sum(axis=1, keepdims=True)
+    return weights[:, 1:].astype(np.float32)
+
+
+def leave(generator, normals, grazing):
+    """Directions away from surfaces, half of them almost along these."""
+    leaving = generator.normal(size=normals.shape)
+    height = dot(leaving, normals)[:, None]
+    target = np.where(np.arange(len(normals))[:, None] % 2, np.abs(height), grazing)
+    return leaving + (target - height) * normals
+
+
+def dot(a, b):
+    return (a * b).sum(axis=1)
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def interpolate(corners, weights):
+    u, v = weights.astype(np.float64).T[..., None]
+    return (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
+
+
+def check_unit(normals):
+    np.testing.assert_allclose(np.linalg.norm(normals.astype(np.float64), axis=1), 1, rtol=0, atol=4e-7)
+
+
+CROSSING = """
+    crossing_t crossing = no_crossing();
+    crossing.u = uv.x;
+    crossing.v = uv.y;
+    const corners_t corners = corners_at(triangle, 0);
+"""
+
+
+@pytest.mark.parametrize("place", [(1, 0), (1, 100), (1e-12, 1), (1e12, 1)], ids=str)
+def test_the_surface_of_a_triangle(call, place):
+    generator = np.random.default_rng(74)
+    corners, weights = make_corners(generator, *place), make_weights(generator)
+    wide, directions = corners.astype(np.float64), generator.normal(size=(COUNT, 3)).astype(np.float32)
+    normals = unit(np.cross(wide[:, 1] - wide[:, 0], wide[:, 2] - wide[:, 0]))
+    normals *= -np.sign(dot(normals, directions))[:, None]
+    leaving = leave(generator, normals, 1e-4).astype(np.float32)
+    body = f"""{CROSSING}
+        const surface_t surface = surface_at(&corners, &crossing, direction);
+        position = surface.position; normal = surface.normal; error = surface.error; above = point_above(&surface);
+        const ray_t ray = make_ray(above, leaving, 0.0f, INFINITY);
+        search_t search = make_search(1, 0);
+        intersect_triangle(triangle, 0, &ray, &search, QUERY_COUNT);
+        is_hit = search.count;
+    """
+    rows = {"triangle": make_triangles(corners), "uv": weights, "direction": directions, "leaving": leaving}
+    outputs = "float3 position, float3 normal, float3 error, float3 above, int is_hit"
+    found = call("shading/surface.cl triangles/single.cl", body, outputs, **rows)
+    position, normal, bound, above, is_hit = found
+    # A ray from the point above does not meet the triangle.
+    assert not is_hit.any()
+    error = np.abs(position - interpolate(wide, weights))
+    # The bound leaves out the rounding of the weight 1 - u - v, which counts where that is far below 1.
+    assert (error <= bound + ROUNDING * np.abs(wide[:, 0])).all()
+    assert (error > bound).mean() < 0.01
+    # The bound is not much larger than the farthest corner's rounding.
+    farthest = np.abs(wide).max(axis=(1, 2))
+    assert (bound.max(axis=1) <= 8 * ROUNDING * farthest).all()
+    # The normal is a unit vector on the side of the ray. Edges are rounded relative to the coordinates; normals lose as
+    # much again by the smallest angle.
+    check_unit(normal)
+    assert (dot(normal.astype(np.float64), directions) <= 0).all()
+    edges = np.linalg.norm(np.diff(wide[:, [0, 1, 2, 0]], axis=1), axis=2)
+    allowed = 1e-6 * (farthest / edges.min(axis=1)) / SMALLEST_SINE
+    is_seen_edge_on = np.abs(dot(normals, directions)) < 1e-5
+    assert is_seen_edge_on.mean() < 0.01
+    assert (np.linalg.norm(normal - normals, axis=1) <= allowed)[~is_seen_edge_on].all()
+    # The point above is off the plane, and no farther than rounding asks for.
+    height = dot(above.astype(np.float64) - wide[:, 0], normals)
+    assert (height > 0).all()
+    assert (height <= 4 * 2 * 8 * ROUNDING * farthest).all()
+
+
+# Roundings that move a point above the triangle of an instance, relative to what the entries of both matrices may add
+# up to: twice those of the position and of the round trip.
+ROUNDINGS = 2 * (7 + 10) + 2
+
+
+def make_matrices(generator, kind, size):
+    """(n, 3, 3) float64: from local coordinates to the scene's; half of them are mirrors."""
+    turns = np.linalg.qr(generator.normal(size=(COUNT, 3, 3)))[0]
+    scales = size * (10 ** generator.uniform(-2, 0, (COUNT, 3)) if kind == "stretched" else np.ones((COUNT, 3)))
+    shears = np.tile(np.eye(3), (COUNT, 1, 1))
+    shears[:, 0, 1] = generator.uniform(-20, 20, COUNT) if kind == "sheared" else 0
+    matrices = turns * scales[:, None, :] @ shears
+    matrices[::2, :, 0] *= -1
+    return matrices
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-4, 1e-9])
+@pytest.mark.parametrize("kind", ["turned", "stretched", "sheared"])
+def test_the_surface_of_an_instance(call, kind, size):
+    generator = np.random.default_rng(91)
+    corners, weights = make_corners(generator, 0.5, 0.0), make_weights(generator)
+    matrices, centres = make_matrices(generator, kind, size), generator.uniform(-1, 1, (COUNT, 3))
+    inverses, wide = np.linalg.inv(matrices), corners.astype(np.float64)
+    instances = np.zeros(COUNT, INSTANCE)
+    instances["to_world"], instances["to_object"], instances["centre"] = matrices, inverses, centres
+    instances["centre_low"] = centres - instances["centre"]
+    instances["radius"] = 2 * np.abs(matrices).sum(axis=2).max(axis=1)
+    local_normals = np.cross(wide[:, 1] - wide[:, 0], wide[:, 2] - wide[:, 0])
+    normals = unit(np.einsum("nij,ni->nj", inverses, local_normals))
+    # No ray meets a triangle almost edge-on, where rounding decides the side.
+    directions = generator.normal(size=(COUNT, 3))
+    directions += 0.1 * normals * np.sign(dot(directions, normals))[:, None]
+    normals *= -np.sign(dot(normals, directions))[:, None]
+    body = f"""{CROSSING}
+        const float3 inwards = transform_vector(instance->to_object, direction);
+        const surface_t surface = surface_at(&corners, &crossing, inwards);
+        const instance_surface_t placed = place_surface(instance, &surface);
+        above = placed.above; above_low = placed.above_low; normal = placed.normal;
+        const ray_pair_t ray = {{above, leaving, 0.0f, INFINITY, above_low, (float3)(0.0f), 1}};
+        float t_shift;
+        const ray_t inside = enter_instance(&ray, instance, INFINITY, &t_shift);
+        search_t search = make_search(1, 0);
+        intersect_triangle(triangle, 0, &inside, &search, QUERY_COUNT);
+        is_hit = search.count;
+    """
+    rows = {"instance": instances, "triangle": make_triangles(corners), "uv": weights, "direction": directions}
+    above, above_low, normal, is_hit = call(
+        "instances/surface.cl triangles/single.cl", body, "float3 above, float3 above_low, float3 normal, int is_hit",
+        **rows, leaving=unit(leave(generator, normals, 1e-3)), defines={"LONE": 0, "TOP_STACK_SIZE": 4},
+    )  # fmt: skip
+    assert not is_hit.any()
+    check_unit(normal)
+    assert np.quantile(np.linalg.norm(normal - normals, axis=1), 0.99) < 1e-4
+    assert (dot(normal, normals) > 0.9).all()
+    # The point is above the triangle, but no farther than rounding asks for, in local units along the normal.
+    points = above.astype(np.float64) + above_low - instances["centre"] - instances["centre_low"].astype(np.float64)
+    local = np.einsum("nij,nj->ni", inverses, points)
+    inner_normals = unit(np.einsum("nij,ni->nj", matrices, normals))
+    reach = np.einsum("nij,nj->ni", np.abs(matrices), np.abs(wide).max(axis=1))
+    error = ROUNDINGS * ROUNDING * reach + 2 * 8 * ROUNDING**2 * (reach + np.abs(centres))
+    allowed = 1.5 * np.linalg.norm(np.einsum("nij,nj->ni", np.abs(inverses), error), axis=1)
+    height = dot(local - wide[:, 0], inner_normals)
+    assert ((height > 0) & (height < allowed)).all()
+    aside = np.linalg.norm(local - interpolate(wide, weights) - height[:, None] * inner_normals, axis=1)
+    assert (aside < allowed).all()
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-4], ids=["large", "small"])
+def test_the_surface_of_a_sphere(call, size):
+    generator = np.random.default_rng(93)
+    spheres = np.zeros(COUNT, SPHERE)
+    spheres["radius"] = size * generator.uniform(0.2, 1, COUNT)
+    spheres["centre"] = generator.uniform(-1, 1, (COUNT, 3))
+    radii, centres = spheres["radius"].astype(np.float64), spheres["centre"].astype(np.float64)
+    away = generator.normal(size=(COUNT, 3))
+    is_outside = np.arange(COUNT) % 4 != 0
+    inner = centres + radii[:, None] * generator.uniform(-0.5, 0.5, (COUNT, 3))
+    origins = as_float32(np.where(is_outside[:, None], centres + 1.1 * unit(away) + away, inner))
+    directions = as_float32(centres + 0.9 * radii[:, None] * generator.uniform(-0.57, 0.57, (COUNT, 3)) - origins)
+    # The normal of the nearest crossing.
+    middle = dot(centres - origins, directions) / dot(directions, directions)
+    feet = origins + middle[:, None] * directions - centres
+    half = np.sqrt((radii**2 - dot(feet, feet)) / dot(directions, directions))
+    outward = (feet + np.where(is_outside, -half, half)[:, None] * directions) / radii[:, None]
+    normals = np.where(is_outside[:, None], outward, -outward)
+    body = """
+        const ray_t unpacked = unpack_ray(ray);
+        search_t search = make_search(1, 0);
+        intersect_sphere(sphere, 0, &unpacked, &search, QUERY_CLOSEST);
+        side = is_found(&search.nearest) ? (int)search.nearest.u : -1;
+        const ball_t ball = ball_at(sphere, 0);
+        const surface_t surface = sphere_surface_at(&ball, search.nearest.u > 0.0f, &unpacked);
+        position = surface.position; normal = surface.normal; error = surface.error; above = point_above(&surface);
+        const ray_t from_above = make_ray(above, leaving, 0.0f, INFINITY);
+        search_t blockers = make_search(1, 0);
+        intersect_sphere(sphere, 0, &from_above, &blockers, QUERY_COUNT);
+        is_hit = blockers.count;
+    """
+    outputs = "float3 position, float3 normal, float3 error, float3 above, int side, int is_hit"
+    position, normal, error, above, side, is_hit = call(
+        "spheres/single.cl spheres/surface.cl", body, outputs, ray=make_rays(origins, directions), sphere=spheres,
+        leaving=unit(leave(generator, normals, 1e-4)), defines={"HAS_SPHERES": 1},
+    )  # fmt: skip
+
+    def height_of(points):
+        return np.linalg.norm(points.astype(np.float64) - centres, axis=1) - radii
+
+    # Rays enter from outside and leave from inside; from there, only those inside meet the sphere again.
+    np.testing.assert_array_equal(side, np.where(is_outside, 0, 1))
+    np.testing.assert_array_equal(is_hit, np.where(is_outside, 0, 1))
+    check_unit(normal)
+    # The ray is known to a rounding of its distance.
+    assert (np.linalg.norm(normal - normals, axis=1) <= 1e-5 / radii * np.where(is_outside, 1, 0.1)).all()
+    # A component of the error for each axis; the distance is along the normal.
+    assert (np.abs(height_of(position)) <= dot(np.abs(normal), error)).all()
+    height = np.where(is_outside, 1, -1) * height_of(above)
+    assert (height > 0).all()
+    assert (height <= 4 * 2 * 16 * ROUNDING * (np.abs(centres).max(axis=1) + radii)).all()
+
+
+# Bound on the error of an encoded colour: far below a step of 8 bits, which is 4e-3.
+SRGB_ERROR = 1e-6
+HEIGHT = 64
+
+
+def encode_srgb(linear):
+    """The transfer function of IEC 61966-2-1."""
+    limited = np.clip(linear, 0.0031308, 1.0)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * limited ** (1 / 2.4) - 0.055)
+
+
+@pytest.fixture
+def view():
+    """A view with distinct colours and unit directions."""
+    generator = np.random.default_rng(71)
+    view = np.zeros(1, VIEW)
+    for name in ("to_light", "to_sky", "optical_axis"):
+        view[name] = unit(generator.normal(size=(1, 3)))
+    colours = ("light_colour", "sky_colour", "ground_colour", "surface_colour", "background_top", "background_bottom")
+    for name in colours:
+        view[name] = generator.uniform(0.05, 1, 3)
+    view["eye"] = generator.normal(size=3)
+    view["depth_near"], view["depth_far"], view["height"] = 0.5, 2.5, HEIGHT
+    return view
+
+
+def test_srgb_is_that_of_the_standard(call):
+    linear = np.concatenate((np.linspace(0, 1.5, 30_000), np.geomspace(1e-6, 1000, 30_000))).astype(np.float32)
+    encoded = call("shading/shade.cl", "encoded = encode_srgb(linear);", "float3 encoded", linear=linear.reshape(-1, 3))
+    np.testing.assert_allclose(encoded.ravel(), encode_srgb(linear.astype(np.float64)), rtol=0, atol=SRGB_ERROR)
+
+
+def test_lambert_is_a_light_and_a_sky(call, view):
+    normals = unit(np.random.default_rng(72).normal(size=(5000, 3))).astype(np.float32)
+    body = " ".join(
+        f"{name} = shade_lambert(view, load3(view->surface_colour), normal, {is_lit});"
+        for name, is_lit in (("lit", "true"), ("unlit", "false"))
+    )
+    lit, unlit = call("shading/shade.cl", body, "float3 lit, float3 unlit", normal=normals, tables={"view": view})
+    of = {name: view[name][0].astype(np.float64) for name in VIEW.names}
+    up = 0.5 + 0.5 * (normals @ of["to_sky"])[:, None]
+    ambient = of["ground_colour"] + (of["sky_colour"] - of["ground_colour"]) * up
+    directed = np.maximum(normals @ of["to_light"], 0)[:, None] * of["light_colour"]
+    # The encoding is at most 12.92 times as steep as the light.
+    error = SRGB_ERROR + 12.92 * 1e-6
+    expected = encode_srgb((ambient + directed) * of["surface_colour"])
+    np.testing.assert_allclose(lit, expected, rtol=0, atol=error)
+    np.testing.assert_allclose(unlit, encode_srgb(ambient * of["surface_colour"]), rtol=0, atol=error)
+    # A light from behind changes nothing.
+    is_behind = normals @ of["to_light"] < -1e-6
+    np.testing.assert_array_equal(lit[is_behind], unlit[is_behind])
+
+
+def test_depth_is_linear_between_near_and_far(call, view):
+    eye, axis = view["eye"][0].astype(np.float64), view["optical_axis"][0].astype(np.float64)
+    positions = (eye + np.random.default_rng(73).uniform(-3, 3, (5000, 3))).astype(np.float32)
+    body = "shade = shade_depth(view, position);"
+    depths = call("shading/shade.cl", body, "float3 shade", position=positions, tables={"view": view})
+    expected = 1 - np.clip(((positions - eye) @ axis - 0.5) / 2.0, 0, 1)
+    np.testing.assert_allclose(depths, np.stack([expected] * 3, axis=1), rtol=0, atol=2e-6)
+    assert {0.0, 1.0} < set(depths[:, 0].tolist())
+
+
+@pytest.mark.parametrize("shading", SHADINGS)
+def test_the_background_is_a_gradient_or_black(call, view, shading):
+    view["shading"] = SHADINGS[shading]
+    body, rows = "shade = shade_background(view, row);", np.arange(HEIGHT)
+    shades = call("shading/shade.cl", body, "float3 shade", row=rows, tables={"view": view})
+    top, bottom = view["background_top"][0].astype(np.float64), view["background_bottom"][0].astype(np.float64)
+    gradient = encode_srgb(top + (bottom - top) * (rows[:, None] + 0.5) / HEIGHT)
+    expected = np.zeros((HEIGHT, 3)) if shading in ("normal", "depth") else gradient
+    np.testing.assert_allclose(shades, expected, rtol=0, atol=SRGB_ERROR + 12.92 * 2e-7)

@@ -1,0 +1,336 @@
+"""Traversal: trees, layouts, entry points and what only GPUs do change the time of an answer, and no bit of it.
+
+More meshes, and all builders: `tests/property/test_layouts.py`.
+"""
+
+import numpy as np
+import pytest
+
+from clbvh import Mesh, Tracer, build, make_shape
+from clbvh.layouts.device_arrays import make_device_arrays
+from clbvh.rendering.cameras.framing import frame_mesh
+from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, NO_PRIM
+from clbvh.trace.world.world import World
+
+from ..chain import make_chain
+from ..rays import aim, as_float32, centred, edge_midpoints, hard_rays, mesh_as_on_device
+from ..soup import make_soup
+from ..worlds import open_mesh
+from .casting import STACK_SIZE, open_caster
+from .programs import make_rays
+
+QUERIES = ("closest_hit", "any_hit", "count_hits", "all_hits")
+FEW_HITS = 3
+
+
+def answer(cast, rays, **limits):
+    """The answers of all queries to rays, by name."""
+    answers = {query: cast(query, *rays, **limits) for query in QUERIES[:3]}
+    answers["all_hits"], answers["offsets"] = cast("all_hits", *rays, **limits)
+    answers["few"], answers["few offsets"] = cast("all_hits", *rays, **limits, max_hits=FEW_HITS)
+    return answers
+
+
+def check_alike(found, expected, name):
+    """Compare answers, byte for byte."""
+    for query, answers in expected.items():
+        np.testing.assert_array_equal(found[query], answers, err_msg=f"{name}, {query}")
+        assert found[query].tobytes() == answers.tobytes(), (name, query)
+
+
+def check_queries(answers):
+    """Hold all queries against each other: one order of hits, each once, and the first of them everywhere."""
+    hits, counts = answers["all_hits"], np.diff(answers["offsets"])
+    np.testing.assert_array_equal(answers["count_hits"], counts)
+    np.testing.assert_array_equal(answers["any_hit"], counts > 0)
+    closest = answers["closest_hit"]
+    np.testing.assert_array_equal(closest["prim_id"] != NO_PRIM, counts > 0)
+    assert hits[answers["offsets"][:-1][counts > 0]].tobytes() == closest[counts > 0].tobytes()
+    ray = np.repeat(np.arange(len(counts)), counts)
+    np.testing.assert_array_equal(np.lexsort((hits["prim_id"], hits["t"], ray)), np.arange(len(hits)))
+    assert len(np.unique(np.stack((ray, hits["prim_id"])), axis=1).T) == len(hits)
+    np.testing.assert_array_equal(np.diff(answers["few offsets"]), np.minimum(counts, FEW_HITS))
+    assert answers["few"].tobytes() == hits[np.arange(len(hits)) - answers["offsets"][ray] < FEW_HITS].tobytes()
+
+
+def check_layouts(session, mesh, bvh, rays, **limits):
+    """Compare the answers in all layouts with those of no tree; return the latter."""
+    with open_caster(session, mesh) as cast:
+        expected = answer(cast, rays, **limits)
+    check_queries(expected)
+    for layout in LAYOUT_WIDTHS:
+        with open_caster(session, mesh, bvh, layout) as cast:
+            check_alike(answer(cast, rays, **limits), expected, layout)
+    return expected
+
+
+def test_limits_cut_both_ends(session, mesh, rays):
+    everything = check_layouts(session, mesh, build(mesh), rays)
+    hits = everything["closest_hit"]
+    assert 0.3 < np.mean(hits["prim_id"] != NO_PRIM) < 1
+    assert np.diff(everything["offsets"]).max() > 1
+    t_min, t_max = np.random.default_rng(23).uniform([[0], [0.5]], [[1], [2]], (2, len(rays[0]))).astype(np.float32)
+    ray = np.repeat(np.arange(len(t_min)), np.diff(everything["offsets"]))
+    kept = everything["all_hits"][
+        (everything["all_hits"]["t"] >= t_min[ray]) & (everything["all_hits"]["t"] <= t_max[ray])
+    ]
+    between = check_layouts(session, mesh, build(mesh), rays, t_min=t_min, t_max=t_max)
+    assert between["all_hits"].tobytes() == kept.tobytes()
+    assert 0 < len(kept) < len(everything["all_hits"])
+
+
+@pytest.mark.parametrize("leaf_size", [1, 15, 255])
+def test_leaves_of_any_size(session, mesh, rays, leaf_size):
+    bvh = build(mesh, leaf_size=leaf_size, traversal_cost=1000 if leaf_size > 2 else 1)
+    assert bvh.nodes["count"].max() > 0.5 * leaf_size
+    check_layouts(session, mesh, bvh, rays)
+
+
+def grid_soup():
+    """Equal triangles, equal distances, degenerate triangles, flat boxes: all ties there are."""
+    return centred(make_soup(600, seed=3, grid=6, size=3, copies=0.3, degenerate=0.2))
+
+
+def test_soups_on_a_small_grid(session):
+    mesh = grid_soup()
+    origins, directions = hard_rays(mesh, 10_000, np.random.default_rng(24))
+    rays = np.round(origins * 2) / 2, np.round(directions)
+    kept = np.abs(rays[1]).max(axis=1) > 0
+    answers = check_layouts(session, mesh, build(mesh), tuple(rows[kept] for rows in rays))
+    assert np.diff(answers["offsets"]).max() > 20
+    hits = answers["closest_hit"]["prim_id"][answers["closest_hit"]["prim_id"] != NO_PRIM]
+    assert not mesh.degenerate_faces[hits].any()
+    # Of equal triangles the first is found.
+    corners = mesh.vertices[mesh.faces].reshape(mesh.face_count, -1)
+    _, first, which = np.unique(corners, axis=0, return_index=True, return_inverse=True)
+    np.testing.assert_array_equal(first[which.ravel()[hits]], hits)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_a_tree_that_is_one_leaf(session, count):
+    corners = np.random.default_rng([25, count]).uniform(-1, 1, (count, 3, 3))
+    corners[0, 2] = corners[0, 1] if count == 3 else corners[0, 2]
+    mesh = centred(Mesh.from_arrays(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)))
+    bvh = build(mesh, leaf_size=4, traversal_cost=100)
+    assert bvh.node_count == 1
+    # The box of the child that is not there lies at the end of the number range; a diagonal ray gets there.
+    origins, directions = hard_rays(mesh, 3000, np.random.default_rng(26))
+    directions[:100] = 1
+    answers = check_layouts(session, mesh, bvh, (origins, directions))
+    assert set(range(count)) - set(answers["closest_hit"]["prim_id"].tolist()) == ({0} if count == 3 else set())
+
+
+# As deep as the stack is long.
+CHAIN = STACK_SIZE + 1
+
+
+@pytest.mark.parametrize("leaf_side", ["left", "right"])
+@pytest.mark.parametrize("toward", [1, -1], ids=["leaf-first", "leaf-last"])
+def test_the_stack_is_as_deep_as_the_tree(session, leaf_side, toward):
+    """Seen from the far end every leaf is on the stack when the traversal reaches the last node: it is full."""
+    mesh, bvh = make_chain(CHAIN, leaf_side)
+    assert open_mesh(session, mesh, bvh, "bvh2").defines["STACK_SIZE"] == bvh.depth == STACK_SIZE
+    x, y = np.random.default_rng(27).uniform(0, 2, (2, 2000))
+    distinct = np.abs(x + y - 2) > 1e-3
+    x, y = x[distinct], y[distinct]
+    origins = np.stack((x, y, np.full(len(x), -5.0 if toward > 0 else CHAIN + 5.0)), axis=1)
+    rays = origins, np.broadcast_to([0.0, 0.0, toward], origins.shape)
+    hits = check_layouts(session, mesh, bvh, rays)["closest_hit"]
+    np.testing.assert_array_equal(hits["prim_id"], np.where(x + y > 2, CHAIN - 1, 0 if toward > 0 else CHAIN - 2))
+    for layout in ENTRY_POINT_LAYOUTS:
+        check_tiles(session, mesh, bvh, rays, (8, 8), layout)
+
+
+# Counts the crossings that a search is told of in its heap, which no count of crossings uses.
+COUNTING = """
+#include "hits/search.cl"
+#define add_crossing(search, crossing, query) ((search)->heap->prim_id++, add_crossing(search, crossing, query))
+#include "traversal/traverse.cl"
+"""
+
+
+def find_any(call, bvh, origins, directions, layout="bvh2"):
+    """The triangles at which a search for anything ends, and how many crossings it met on the way."""
+    arrays = make_device_arrays(bvh, layout)
+    body = """
+        const ray_t unpacked = unpack_ray(ray);
+        search_t search = make_search(1, met);
+        traverse(nodes, nodes, blocks, 0, &unpacked, &search, QUERY_COUNT);
+        hit = as_hit(&search.nearest);
+    """
+    tables = {"nodes": arrays.nodes, "blocks": arrays.blocks}
+    rays = make_rays(origins, directions)
+    hits, met = call(COUNTING, body, "hit_t hit, hit_t met[1]", ray=rays, tables=tables, layout=layout)
+    return hits["prim_id"].tolist(), met["prim_id"].ravel().tolist()
+
+
+def test_the_near_child_comes_first_and_any_crossing_ends_the_search(session, call):
+    for leaf_side in ("left", "right"):
+        _, bvh = make_chain(CHAIN, leaf_side)
+        origins, directions = [[0.5, 0.5, -5], [0.5, 0.5, CHAIN + 5]], [[0, 0, 1], [0, 0, -1]]
+        assert find_any(call, bvh, origins, directions) == ([0, CHAIN - 2], [1, 1])
+    # The ray crosses all triangles, and of the first block no more than fit it are reported.
+    for layout, width in LAYOUT_WIDTHS.items():
+        _, met = find_any(call, bvh, origins[:1], directions[:1], layout)
+        assert 1 <= met[0] <= (1 if layout == "bvh2" else width)
+    # The slope's box is entered first, and hit; the plate in front of the hit would be found by searching on.
+    slope, plate = [[0, 0, 0], [1, 0, 10], [0, 1, 0]], [[0, 0, 5], [1, 0, 5], [0, 1, 5]]
+    mesh = mesh_as_on_device(np.subtract(slope + plate, [0.5, 0.5, 5]), [[0, 1, 2], [3, 4, 5]])
+    bvh = build(mesh, leaf_size=1)
+    ray = np.array([[0.3, -0.4, -20]]), np.array([[0, 0, 1]])
+    assert find_any(call, bvh, *ray) == ([0], [1])
+    with open_caster(session, mesh, bvh) as cast:
+        assert cast("closest_hit", *ray)["prim_id"].tolist() == [1]
+
+
+def test_a_line_leaves_a_closed_mesh_as_often_as_it_enters(session):
+    """From far outside, through vertices, edges and in the planes of faces: silhouettes are crossed twice or never."""
+    for shape, triangles in {"icosphere": 500, "knot": 1200, "blobs": 640, "boxes": 600}.items():
+        mesh = centred(make_shape(shape, triangles=triangles))
+        origins, directions = hard_rays(mesh, 20_000, np.random.default_rng(61))
+        reach = 8 * float(np.ptp(mesh.vertices, axis=0).max()) / np.abs(directions).max(axis=1, keepdims=True)
+        with open_caster(session, mesh, build(mesh)) as cast:
+            counts = cast("count_hits", as_float32(origins - reach * directions), directions)
+        assert (counts % 2 == 0).all(), shape
+        assert len(np.unique(counts)) > 1
+
+
+def test_the_way_out_of_a_convex_mesh_is_crossed_once(session):
+    mesh = centred(make_shape("icosphere", triangles=5120))
+    targets = np.concatenate((mesh.vertices.astype(np.float64), edge_midpoints(mesh)))
+    with open_caster(session, mesh, build(mesh)) as cast:
+        for inner in (np.zeros(targets.shape), np.random.default_rng(62).uniform(-0.2, 0.2, targets.shape)):
+            np.testing.assert_array_equal(cast("count_hits", *aim(inner, targets)), 1)
+
+
+def test_thousands_of_crossings_of_one_ray(session):
+    count = 5000
+    heights = np.random.default_rng(64).permutation(count).astype(np.float64)
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float) + heights[:, None, None] * [0, 0, 1]
+    mesh = Mesh.from_arrays(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+    with open_caster(session, mesh, build(mesh)) as cast:
+        hits, offsets = cast("all_hits", [[0.25, 0.25, -1]] * 2, [[0, 0, 1], [0, 0, -1]])
+    assert offsets.tolist() == [0, count, count]
+    np.testing.assert_array_equal(hits["t"], 1 + np.arange(count))
+    np.testing.assert_array_equal(heights[hits["prim_id"]], np.arange(count))
+
+
+WIDTH, HEIGHT = 203, 117  # neither is a multiple of a tile's
+
+# The first child of an entry point: no entry point was found, or the tile's rays hit nothing.
+ROOT, NO_CHILD = 0, -1
+
+
+def check_tiles(session, mesh, bvh, rays, tile, layout, **limits):
+    """Compare all answers with those of rays that begin at the root; return the closest hits."""
+    with open_caster(session, mesh, bvh, layout) as cast:
+        expected = answer(cast, rays, **limits)
+    with open_caster(session, mesh, bvh, layout, row_length=WIDTH, tile=tile, with_entry_points=True) as cast:
+        check_alike(answer(cast, rays, **limits), expected, f"{layout}, tiles {tile}")
+    return expected["closest_hit"]
+
+
+def picture(mesh):
+    """The rays of a picture."""
+    origins, directions = frame_mesh(mesh, aspect=WIDTH / HEIGHT).rays(WIDTH, HEIGHT)
+    return origins.reshape(-1, 3), directions.reshape(-1, 3)
+
+
+def parallel_grid(mesh):
+    """Along an axis, through vertices of the mesh: a grid with them sorted across."""
+    generator = np.random.default_rng(36)
+    x, y = (np.sort(generator.choice(mesh.vertices[:, axis], size)) for axis, size in ((0, WIDTH), (1, HEIGHT)))
+    far = np.full((HEIGHT, WIDTH), -2 * float(np.ptp(mesh.vertices, axis=0).max()))
+    origins = np.stack((*np.meshgrid(x, y), far), axis=-1).reshape(-1, 3)
+    return origins, np.broadcast_to([0.0, 0.0, 1.0], origins.shape)
+
+
+def panorama(mesh):
+    """From the middle: directions of all signs, and along the axes."""
+    turn, rise = np.round(np.linspace(-np.pi, np.pi, WIDTH), 2), np.linspace(-1.5, 1.5, HEIGHT)[:, None]
+    parts = np.broadcast_arrays(np.cos(turn) * np.cos(rise), np.sin(turn) * np.cos(rise), np.sin(rise))
+    directions = np.stack(parts, axis=-1)
+    directions[HEIGHT // 2, :: WIDTH // 4] = np.round(directions[HEIGHT // 2, :: WIDTH // 4])
+    directions = directions.reshape(-1, 3)
+    return np.broadcast_to(np.float32(mesh.vertices.mean(axis=0)), directions.shape), directions
+
+
+def any_order(mesh):
+    return hard_rays(mesh, WIDTH * HEIGHT // 3 * 3, np.random.default_rng(39))
+
+
+@pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
+@pytest.mark.parametrize("kind", [picture, parallel_grid, panorama, any_order])
+def test_tiles_of_rays_begin_at_entry_points(session, mesh, kind, layout):
+    hits = check_tiles(session, mesh, build(mesh), kind(mesh), (8, 8), layout)
+    assert 0.02 < np.mean(hits["prim_id"] != NO_PRIM) <= 1
+
+
+@pytest.mark.parametrize("tile", [(16, 4), (64, 1), (5, 3)])
+def test_tiles_of_any_shape(session, mesh, tile):
+    check_tiles(session, mesh, build(mesh), picture(mesh), tile, "bvh8")
+
+
+@pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
+def test_tiles_of_soups_and_of_trees_of_one_leaf(session, layout):
+    soup, few = grid_soup(), centred(make_soup(3, seed=1, grid=8, size=4))
+    check_tiles(session, soup, build(soup), picture(soup), (8, 8), layout)
+    check_tiles(session, few, build(few, leaf_size=4, traversal_cost=100), picture(few), (8, 8), layout)
+
+
+@pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
+def test_tiles_with_limits_and_rows_that_are_cut_off(session, layout):
+    mesh = centred(make_shape("icosphere", triangles=1280))
+    # A tile of one row that is cut off.
+    whole_rows = HEIGHT // 2 // 8 * 8
+    rays = tuple(part[: whole_rows * WIDTH + 2 * WIDTH // 3] for part in picture(mesh))
+    hits = check_tiles(session, mesh, build(mesh), rays, (8, 8), layout)
+    assert (hits["prim_id"][whole_rows * WIDTH :] != NO_PRIM).any()
+    reach = 4 * float(np.ptp(mesh.vertices, axis=0).max())
+    t_min, t_max = reach * np.random.default_rng(37).uniform([[0], [0.2]], [[0.5], [1]], (2, len(rays[0])))
+    hits = check_tiles(session, mesh, build(mesh), rays, (8, 8), layout, t_min=t_min, t_max=t_max)
+    assert 0.02 < np.mean(hits["prim_id"] != NO_PRIM) < 0.9
+
+
+@pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
+def test_a_picture_gets_entry_points_and_rays_in_no_order_do_not(session, layout):
+    mesh = centred(make_shape("knot", triangles=20_000))
+    rays = picture(mesh)
+    order = np.random.default_rng(38).permutation(len(rays[0]))
+    with open_caster(session, mesh, build(mesh), layout, row_length=WIDTH, tile=(8, 8)) as cast:
+        first = cast.find_entry_points(*rays)["child"][:, 0]
+        shuffled = cast.find_entry_points(*(rows[order] for rows in rays))["child"][:, 0]
+    assert (first == ROOT).mean() < 0.2
+    assert 0.2 < (first == NO_CHILD).mean() < 0.9
+    # Most of the others are far down in the tree.
+    assert np.median(first[first > ROOT]) > 8
+    assert (shuffled == ROOT).mean() > 0.9
+
+
+def answers_on_gpus(monkeypatch, open_tracer, source, layout, ask):
+    """What a tracer answers, and what one whose kernels are compiled as for a GPU does."""
+    expected = ask(open_tracer(source, layout=layout))
+    defines = World.defines.func
+    monkeypatch.setattr(World, "defines", property(lambda world: defines(world) | {"IS_GPU": 1}))
+    with Tracer(source, layout=layout) as tracer:
+        return ask(tracer), expected
+
+
+def test_what_only_gpus_do_changes_no_hit(source, rays, open_tracer, monkeypatch):
+    def ask(tracer):
+        hits = tracer.closest_hit(*rays)
+        return hits.t.tobytes(), hits.prim_id.tobytes(), tracer.any_hit(*rays).tobytes()
+
+    found, expected = answers_on_gpus(monkeypatch, open_tracer, source, "bvh8", ask)
+    assert found == expected
+
+
+def test_what_only_gpus_do_changes_no_occlusion(mesh, open_tracer, monkeypatch):
+    corners = mesh.vertices[mesh.faces[:200]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+    def ask(tracer):
+        return tracer.ambient_occlusion(corners.mean(axis=1), normals, rays=70, offset=1e-4).tobytes()
+
+    found, expected = answers_on_gpus(monkeypatch, open_tracer, mesh, "bvh2", ask)
+    assert found == expected
