@@ -1,58 +1,162 @@
-"""A finished tree and the walk that measures it."""
+"""A finished tree: its depth, the checks of its invariants, each broken alone, and the boxes of moved vertices."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import re
 
 import numpy as np
 import pytest
 
-from clbvh import Bvh, Mesh
+from clbvh import Mesh, build, validate_tree
 from clbvh.bvh.bvh import measure_depth
+from clbvh.errors import MeshError, ValidationError
 from clbvh.structs import NODE
 
-from ..hand_made import make_leaf, make_tree
-
-
-def make_chain(levels):
-    """Return nodes in which every left child is a leaf: as deep as a tree can be."""
-    nodes = np.zeros(2 * levels + 1, NODE)
-    nodes["count"] = 1
-    nodes["count"][0 : 2 * levels : 2] = 0
-    nodes["first"][0 : 2 * levels : 2] = np.arange(1, 2 * levels, 2)
-    return nodes
+from ...soup import make_soup
+from ..hand_made import FACE_COUNT, make_leaf, make_tree
 
 
 def test_a_tree_says_its_size_and_depth():
     bvh = make_tree()
-    assert (bvh.node_count, bvh.depth) == (5, 2)
+    assert (bvh.node_count, bvh.depth, make_leaf().depth) == (5, 2, 0)
     assert repr(bvh) == "Bvh('four triangles', nodes=5, depth=2)"
+    assert bvh == bvh != make_tree()
+    # The deepest leaf counts and not the last: nodes 5 and 6 have depth 3, nodes 7 and 8 depth 2.
+    assert measure_depth(np.int32([1, 3, 7, 5, 0, 1, 2, 3, 4]), np.int32([0, 0, 0, 0, 1, 1, 1, 1, 1])) == 3
+    for levels in (1, 2, 64, 100_000):
+        # Every left child is a leaf: as deep as a tree can be.
+        first, count = np.zeros((2, 2 * levels + 1), np.int32)
+        first[0:-1:2], count[1::2], count[-1] = np.arange(1, 2 * levels, 2), 1, 1
+        assert measure_depth(first, count) == levels
 
 
-def test_a_leaf_has_depth_zero():
-    assert (make_leaf().node_count, make_leaf().depth) == (1, 0)
+def refusal(bvh, **limits):
+    """Return the message with which the tree is refused."""
+    with pytest.raises(ValidationError) as caught:
+        validate_tree(bvh, **limits)
+    return str(caught.value)
 
 
-@pytest.mark.parametrize("levels", [1, 2, 63, 64, 100_000])
-def test_depth_of_a_chain_is_its_length(levels):
-    nodes = make_chain(levels)
-    assert measure_depth(nodes["first"], nodes["count"]) == levels
+def test_a_right_tree_passes():
+    validate_tree(make_tree(), max_depth=2, max_leaf_size=2)
+    validate_tree(make_leaf(), max_depth=0, max_leaf_size=FACE_COUNT)
+    zeros = make_tree()
+    zeros.nodes["aabb_min"][0] = -0.0
+    validate_tree(zeros)
 
 
-def test_the_deepest_leaf_counts_and_not_the_last():
-    first = np.array([1, 3, 7, 5, 0, 1, 2, 3, 4], np.int32)
-    count = np.array([0, 0, 0, 0, 1, 1, 1, 1, 1], np.int32)
-    assert measure_depth(first, count) == 3  # nodes 5 and 6; nodes 7 and 8 have depth 2
+def test_a_broken_link_is_found():
+    for node, field, value, message in [
+        (3, "count", -1, "node 3 has a negative count"),
+        (2, "first", 2, "interior node 2 does not have both its children"),
+        (2, "first", 1, "interior node 2 does not have both its children behind it"),
+        (0, "first", -1, "interior node 0 does not have both its children"),
+        (2, "first", 4, "interior node 2 does not have both its children behind it, inside"),
+        (0, "first", 2**31 - 1, "interior node 0 "),
+        (0, "first", 3, "node 1 is not reached exactly once"),
+        (0, "first", 2, "node 1 is not reached exactly once"),
+        (2, "count", 1, "node 3 is not reached exactly once"),
+        (3, "count", 0, "interior node 3 "),
+        (1, "first", -1, "leaf 1 lists primitives outside the mesh"),
+        (4, "first", 4, "leaf 4 lists primitives outside the mesh"),
+        (4, "first", 2**31 - 1, "leaf 4 lists primitives outside the mesh"),
+        (4, "count", 2, "leaf 4 lists primitives outside the mesh"),
+        (4, "count", 2**31 - 1, "leaf 4 lists primitives outside the mesh"),
+        (1, "count", 1, "prim_ids[1] lies in 0 leaves (none)"),
+        (1, "count", 3, "prim_ids[2] lies in 2 leaves (1, 3)"),
+        (4, "first", 2, "prim_ids[2] lies in 2 leaves (3, 4)"),
+    ]:
+        bvh = make_tree()
+        bvh.nodes[field][node] = value
+        assert message in refusal(bvh)
+    for prim_ids, message in [
+        ([0, 2, 3, 2], "triangle 2 is listed 2 times instead of once, in leaves 1, 4"),
+        ([2, 2, 3, 1], "triangle 2 is listed 2 times instead of once, in leaves 1, 1"),
+        ([0, 2, -1, 1], "leaf 3 lists triangle -1, which the mesh does not have"),
+        ([0, 2, 3, 4], "leaf 4 lists triangle 4, which the mesh does not have"),
+        ([0, 2, 1, 3], "the box of node 3 is not"),
+    ]:
+        bvh = make_tree()
+        bvh.prim_ids[:] = prim_ids
+        assert message in refusal(bvh)
 
 
-def test_a_tree_cannot_be_changed_and_compares_by_identity():
+def test_a_box_that_is_off_by_the_smallest_step_or_not_finite_is_found():
+    parents = {0: 0, 1: 0, 2: 0, 3: 2, 4: 2}
+    for node, axis, field, kind in itertools.product(range(5), range(3), ("aabb_min", "aabb_max"), range(5)):
+        bvh = make_tree()
+        box = bvh.nodes[field][node]
+        steps = np.nextafter(box[axis], np.float32([-np.inf, np.inf]))
+        box[axis] = [*steps, np.nan, np.inf, -np.inf][kind]
+        # Its parent's box is checked against it, and may be named first.
+        assert re.search(f"the box of node ({node}|{parents[node]}) is not exactly the union", refusal(bvh))
+
+
+def test_arrays_of_other_types_and_lengths_are_found():
     bvh = make_tree()
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        bvh.nodes = None
-    assert bvh != make_tree()
-    assert bvh == bvh
+    nodes, prim_ids = bvh.nodes, bvh.prim_ids
+    for change, message in [
+        ({"prim_ids": prim_ids.astype(np.int64)}, "wrong dtypes"),
+        ({"nodes": nodes.astype(NODE.descr[::-1])}, "wrong dtypes"),
+        ({"nodes": nodes[:0]}, "4 triangles cannot have 0 nodes"),
+        ({"nodes": np.concatenate([nodes, nodes[4:]])}, "node 5 is not reached exactly once"),
+        ({"nodes": np.concatenate([nodes, nodes])}, "4 triangles cannot have 10 nodes"),
+        ({"prim_ids": prim_ids[:3]}, "the tree lists 3 primitives; the mesh has 4 triangles"),
+        ({"prim_ids": prim_ids.reshape(2, 2)}, "the tree lists 4 primitives; the mesh has 4 triangles"),
+    ]:
+        assert message in refusal(dataclasses.replace(bvh, **change))
 
 
-def test_timings_are_optional():
-    mesh = Mesh.from_arrays(np.eye(3), [[0, 1, 2]])
-    assert Bvh(np.zeros(1, NODE), np.zeros(1, np.int32), mesh).timings_ms == {}
+def test_the_limits_are_kept_or_the_node_is_named():
+    assert refusal(make_tree(), max_depth=1) == "node 3 lies 2 levels deep; the limit is 1"
+    assert refusal(make_tree(), max_leaf_size=1) == "leaf 1 holds 2 primitives; the limit is 1"
+
+
+def test_the_hand_made_tree_follows_its_triangles():
+    bvh = make_tree()
+    before = bvh.nodes.tobytes(), bvh.mesh.vertices.tobytes()
+    moved = bvh.refit(bvh.mesh.vertices * [1, 2, -1])
+    # The box of all was (0, 0, 0) to (7, 1, 3). It is now centred, (-3.5, -1, -1.5) to (3.5, 1, 1.5), and scaled.
+    assert (moved.mesh.origin.tolist(), moved.mesh.scale) == ([3.5, 1, -1.5], 0.25)
+    shift = [3.5, 1, 1.5]
+    assert (moved.nodes["aabb_min"] / 0.25 + shift).tolist() == [[0, 0, 0], [0, 0, 1], [2, 0, 0], [6, 0, 0], [2, 0, 2]]
+    assert (moved.nodes["aabb_max"] / 0.25 + shift).tolist() == [[7, 2, 3], [5, 2, 3], [7, 2, 2], [7, 2, 0], [3, 2, 2]]
+    assert (moved.nodes[["first", "count"]] == bvh.nodes[["first", "count"]]).all()
+    assert moved.prim_ids is bvh.prim_ids
+    assert (bvh.nodes.tobytes(), bvh.mesh.vertices.tobytes()) == before
+    assert set(moved.timings_ms) == {"localize", "refit"}
+
+
+def test_vertices_that_did_not_move_give_the_same_bytes_whatever_the_signs_of_zeros():
+    """0.0 and -0.0 are equal, so which of them a box gets would be a matter of order."""
+    zeros = np.random.default_rng(0).choice([-1.0, -0.0, 0.0, 1.0], (3000, 3))
+    for mesh in (
+        make_soup(2000, 1, grid=3, size=2, copies=0.2, degenerate=0.2, scale=-0.5),
+        Mesh.from_arrays(zeros, np.arange(3000).reshape(-1, 3)),
+    ):
+        bvh = build(mesh)
+        again = bvh.refit(mesh.vertices)
+        assert again.mesh.vertices.tobytes() == mesh.vertices.tobytes()
+        assert again.nodes.tobytes() == bvh.nodes.tobytes()
+    assert np.signbit(again.mesh.local_vertices[again.mesh.local_vertices == 0]).any()
+
+
+def test_far_from_zero_and_in_one_point_the_boxes_are_exact():
+    bvh = build(make_soup(300, 1))
+    there, far = (bvh.refit(bvh.mesh.vertices * 2**-10 + shift) for shift in (0.0, 2.0**24))
+    assert far.nodes.tobytes() == there.nodes.tobytes()
+    assert (far.mesh.origin == there.mesh.origin + 2.0**24).all()
+    for moved in (bvh.refit(np.full_like(bvh.mesh.vertices, 7)), make_leaf().refit(make_leaf().mesh.vertices[:, ::-1])):
+        validate_tree(moved)
+
+
+def test_vertices_that_do_not_fit_are_refused():
+    for vertices, message in [
+        (np.zeros((11, 3)), "11 vertices cannot replace the mesh's 12"),
+        (np.zeros((12, 4)), r"shape \(V, 3\), not \(12, 4\)"),
+        (np.full((12, 3), np.nan), "not finite"),
+    ]:
+        with pytest.raises(MeshError, match=message):
+            make_tree().refit(vertices)

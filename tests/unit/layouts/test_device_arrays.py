@@ -1,0 +1,228 @@
+"""The arrays of every layout, made and rewritten for moved shapes: walked, with boxes found primitive by primitive."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from clbvh import BuildOptions, Mesh, Spheres, build, make_shape, sah_cost
+from clbvh.builders.build import build_tree
+from clbvh.geometry.corners import find_corners
+from clbvh.layouts import refit_arrays, wide
+from clbvh.layouts.device_arrays import make_device_arrays, measure_device_bytes
+from clbvh.layouts.refit_arrays import RefitArrays, read_topology
+from clbvh.structs import LAYOUT_WIDTHS, NO_PRIM
+from clbvh.support.host_threads import HostThreads
+
+from ...chain import make_chain
+from ...soup import make_soup
+from ..hand_made import make_leaf, make_tree
+
+LAYOUTS = [*LAYOUT_WIDTHS]
+GREATEST = np.finfo(np.float32).max
+
+
+def is_wide(layout):
+    return LAYOUT_WIDTHS[layout] > 2
+
+
+def children_of(arrays, layout, node):
+    """Yield the box and the child of each slot of a node: a node's index, or its primitives in an array."""
+    nodes, blocks = arrays.nodes[node], arrays.blocks
+    for slot in range(LAYOUT_WIDTHS[layout]):
+        if is_wide(layout):
+            child = nodes["child"][slot]
+            prims = blocks["prim_id"][~child] if child < 0 else None
+            box = nodes["aabb_min"][:, slot], nodes["aabb_max"][:, slot]
+        else:
+            child, count = nodes["first"][slot], nodes["count"][slot]
+            prims = blocks["prim_id"][child : child + count] if count else None
+            box = nodes["aabb_min"][slot], nodes["aabb_max"][slot]
+        yield box, child if prims is None else prims
+
+
+def rows_of(blocks, lanes):
+    """Return the number and the coordinates in each lane of each block."""
+    names = [name for name in blocks.dtype.names if name != "prim_id"]
+    values = np.concatenate([blocks[name].reshape(len(blocks), -1, lanes) for name in names], axis=1)
+    return blocks["prim_id"].reshape(-1), values.swapaxes(1, 2).reshape(len(blocks) * lanes, -1)
+
+
+def check_arrays(arrays, layout, shape):
+    """Every primitive is there once, below exact boxes; return the entries that a traversal's stack needs."""
+    if isinstance(shape, Spheres):
+        expected = np.column_stack((shape.local_centres, shape.local_radii))
+    else:
+        expected = shape.local_vertices[shape.faces].reshape(-1, 9)
+        degenerate = shape.degenerate_faces
+        # No ray hits them, or a lane without a triangle.
+        expected[degenerate] = np.nan if is_wide(layout) else np.tile(expected[degenerate, :3], 3)
+    prims, values = rows_of(arrays.blocks, LAYOUT_WIDTHS[layout] if is_wide(layout) else 1)
+    np.testing.assert_array_equal(values, np.where((prims == NO_PRIM)[:, None], np.nan, expected[prims]))
+    assert sorted(prims[prims != NO_PRIM].tolist()) == list(range(shape.prim_count))
+    points, ids = find_corners(shape)
+    visited = []
+
+    def visit(node):
+        """Return the primitives below a node, and the entries on the stack."""
+        visited.append(node)
+        found, below, slots = [], [0], list(children_of(arrays, layout, node))
+        present = [(box[0] <= box[1]).all() for box, _ in slots]
+        assert present == sorted(present, reverse=True)
+        for (box, child), is_present in zip(slots, present, strict=True):
+            if not is_present:
+                assert (box[0] == GREATEST).all()
+                assert (box[1] == -GREATEST).all()
+                continue
+            if isinstance(child, np.ndarray):
+                inside = child[child != NO_PRIM]
+                assert (child[: len(inside)] == inside).all()
+            else:
+                assert child > node
+                inside, entries = visit(child)
+                below.append(entries)
+            corners = points[ids[inside]].reshape(-1, 3) + np.float32(0)
+            assert box[0].tobytes() == corners.min(axis=0).tobytes()
+            assert box[1].tobytes() == corners.max(axis=0).tobytes()
+            found.append(inside)
+        return np.concatenate(found), sum(present) - 1 + max(below)
+
+    found, entries = visit(0)
+    assert sorted(found.tolist()) == list(range(shape.prim_count))
+    assert sorted(visited) == list(range(len(arrays.nodes)))
+    return entries
+
+
+def write(arrays, layout, shape, threads=1):
+    """Return the object that wrote, and the arrays for a shape, in memory that was full of ones."""
+    refit = RefitArrays(read_topology(arrays.nodes, arrays.blocks, layout))
+    nodes, blocks = (np.full(array.nbytes, 0xFF, np.uint8).view(array.dtype) for array in (arrays.nodes, arrays.blocks))
+    with HostThreads(threads) as opened:
+        refit.write(shape, nodes, blocks, opened)
+    return refit, dataclasses.replace(arrays, nodes=nodes, blocks=blocks)
+
+
+def bytes_of(arrays):
+    return arrays.nodes.tobytes(), arrays.blocks.tobytes()
+
+
+def tree_over(spheres, leaf_size=4):
+    return build_tree(spheres, "sah", None, BuildOptions(leaf_size=leaf_size))
+
+
+def make_trees():
+    for count in (1, 2, 3, 5, 9, 17, 100, 2000):
+        mesh = make_soup(count, count, grid=30, size=4, copies=0.2, degenerate=0.2, scale=-0.5)
+        generator = np.random.default_rng(count)
+        # Some of them touch the planes through zero.
+        spheres = Spheres(generator.integers(-8, 9, (count, 3)) / 8, generator.choice([1e-30, 0.125, 0.5], count))
+        for leaf_size in (1, 4, 30):
+            yield build(mesh, leaf_size=leaf_size, traversal_cost=1e3 if leaf_size == 30 else 1)
+            yield tree_over(spheres, leaf_size)
+    zeros = np.random.default_rng(0).choice([-1.0, -0.0, 0.0, 1.0], (900, 3))
+    yield build(Mesh.from_arrays(zeros, np.arange(900).reshape(-1, 3)))
+    yield from (make_tree(), make_leaf(), make_leaf(1), make_chain(300, "left")[1], make_chain(300, "right")[1])
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_arrays_hold_every_primitive_once_and_stay_as_they_are_if_nothing_moves(layout):
+    for bvh in make_trees():
+        arrays = make_device_arrays(bvh, layout)
+        # An entry point can push children that a descent from the root would not push.
+        spare = LAYOUT_WIDTHS[layout] - 1 if is_wide(layout) else 0
+        assert arrays.stack_size == check_arrays(arrays, layout, bvh.shape) + spare
+        assert measure_device_bytes(bvh, layout) == arrays.nodes.nbytes + arrays.blocks.nbytes
+        assert bytes_of(write(arrays, layout, bvh.shape)[1]) == bytes_of(arrays)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_moved_vertices_have_exact_boxes_by_any_number_of_threads(layout, monkeypatch):
+    monkeypatch.setattr(refit_arrays, "_PRIMS_PER_PART", 100)
+    bvh = build(make_soup(700, 1, grid=30, size=4, degenerate=0.2), leaf_size=3)
+    # On a coarse grid, so that some triangles become degenerate and others cease to be.
+    vertices = np.random.default_rng(1).integers(-4, 4, bvh.mesh.vertices.shape) * [1e3, 1.0, 1e-3]
+    moved = bvh.refit(vertices)
+    assert (moved.mesh.degenerate_faces & ~bvh.mesh.degenerate_faces).any()
+    assert (~moved.mesh.degenerate_faces & bvh.mesh.degenerate_faces).any()
+    arrays = make_device_arrays(bvh, layout)
+    (refit, written), (other, again) = (write(arrays, layout, moved.mesh, threads) for threads in (1, 4))
+    check_arrays(written, layout, moved.mesh)
+    assert (bytes_of(written), refit.sah_cost) == (bytes_of(again), other.sah_cost)
+    assert (refit.half == np.abs(moved.mesh.local_vertices[moved.mesh.faces]).max(axis=(0, 1))).all()
+    if layout == "bvh2":
+        assert bytes_of(written) == bytes_of(make_device_arrays(moved, layout))
+        assert refit.sah_cost == pytest.approx(sah_cost(moved), rel=1e-12)
+    point, _ = write(arrays, layout, bvh.mesh.with_vertices(np.ones_like(vertices)))
+    assert (point.sah_cost, point.half.tolist()) == (len(arrays.nodes) + len(arrays.blocks), [0, 0, 0])
+    # The topology has no memory of the device.
+    for array in refit.topology:
+        assert not np.shares_memory(array, arrays.nodes)
+        assert not np.shares_memory(array, arrays.blocks)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_moved_spheres_have_exact_boxes(layout):
+    generator = np.random.default_rng(8)
+    spheres = Spheres(generator.normal(size=(700, 3)) + 100, generator.uniform(0.01, 0.1, 700))
+    moved = spheres.with_spheres(spheres.centres[::-1] + 5, spheres.radii * 2)
+    refit, written = write(make_device_arrays(tree_over(spheres), layout), layout, moved)
+    check_arrays(written, layout, moved)
+    assert (refit.half == np.abs(find_corners(moved).points).max(axis=0)).all()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_spheres_take_a_fiftieth_of_icospheres_of_80_triangles(layout):
+    generator = np.random.default_rng(3)
+    spheres = Spheres(generator.normal(size=(500, 3)), generator.uniform(0.01, 0.1, 500))
+    ball = make_shape("icosphere", triangles=80)
+    assert ball.face_count == 80
+    vertices = spheres.centres[:, None] + spheres.radii[:, None, None] * ball.vertices
+    faces = ball.faces + len(ball.vertices) * np.arange(500)[:, None, None]
+    icospheres = build(Mesh.from_arrays(vertices.reshape(-1, 3), faces.reshape(-1, 3)))
+    assert measure_device_bytes(tree_over(spheres), layout) < measure_device_bytes(icospheres, layout) / 50
+
+
+def test_wide_blocks_are_filled_whatever_the_leaf_size():
+    for shape in ("knot", "terrain", "blobs", "icosphere"):
+        sizes = []
+        for leaf_size in (1, 4, 8):
+            bvh = build(make_shape(shape, triangles=5000), leaf_size=leaf_size)
+            for width in (4, 8):
+                blocks = wide.widen(bvh, width).blocks
+                assert (blocks != NO_PRIM).mean() > 0.62, (shape, leaf_size, width)
+            sizes.append(len(blocks))
+        assert sizes[1] < 1.02 * sizes[0]
+
+
+@pytest.mark.parametrize("width", [4, 8])
+def test_no_other_choice_of_wide_nodes_is_cheaper(width):
+    """Against all ways to represent a small tree, tried one by one."""
+    bvh = build(make_shape("blobs", triangles=80), leaf_size=1)
+    first, count = bvh.nodes["first"], bvh.nodes["count"]
+    x, y, z = (bvh.nodes["aabb_max"] - bvh.nodes["aabb_min"]).astype(np.float64).T
+    areas = x * y + y * z + z * x
+    price = wide.BLOCK_PRICE * areas[0] / len(areas)
+    known = {}
+
+    def count_prims(node):
+        return count[node] or count_prims(first[node]) + count_prims(first[node] + 1)
+
+    def cost(node, children):
+        """Return the least cost of a subtree that becomes at most `children` children."""
+        if (node, children) not in known:
+            ways, left = [], first[node]
+            if count_prims(node) <= width:
+                ways.append(wide.BLOCK_COST * areas[node] + price)
+            if not count[node]:
+                ways.append(areas[node] + min(cost(left, i) + cost(left + 1, width - i) for i in range(1, width)))
+                ways += [cost(left, i) + cost(left + 1, n - i) for n in range(2, children + 1) for i in range(1, n)]
+            known[node, children] = min(ways)
+        return known[node, children]
+
+    nodes = wide.widen(bvh, width).nodes
+    x, y, z = np.moveaxis(nodes["aabb_max"].astype(np.float64) - nodes["aabb_min"], 1, 0)
+    is_present, is_leaf = x >= 0, nodes["child"] < 0
+    costs = (x * y + y * z + z * x) * np.where(is_leaf, wide.BLOCK_COST, 1) + is_leaf * price
+    assert areas[0] + costs[is_present].sum() == pytest.approx(cost(0, 1), rel=1e-5)
