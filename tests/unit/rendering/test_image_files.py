@@ -1,76 +1,57 @@
-"""Written files are whole or absent, and say what was rendered."""
+"""Files of pictures, of hits and of light: whole or absent, read back as they were, and refused where damaged."""
 
 from __future__ import annotations
+
+import io
+import sys
+from contextlib import suppress
 
 import imageio.v3 as imageio
 import numpy as np
 import pytest
 
-from clbvh import Mesh
-from clbvh.errors import ConfigError
+from clbvh import ConfigError, Mesh, SceneError
 from clbvh.rendering import image_files as files
 from clbvh.trace.hits.hits import Hits
 from clbvh.trace.hits.surface import Surface
 
 RGB = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
-HITS = Hits(np.float32([[1.5, np.inf]]), np.float32([[0.25, 0]]), np.float32([[0.5, 0]]), np.int32([[7, -1]]))
 
 
-def test_a_ppm_is_binary_with_a_plain_header(tmp_path):
-    files.write_picture(tmp_path / "a.ppm", RGB)
-    data = (tmp_path / "a.ppm").read_bytes()
-    assert data.split()[:4] == [b"P6", b"3", b"2", b"255"]
-    assert data.endswith(RGB.tobytes())
+def make_hits():
+    """Hits on meshes without parts, with two and with three, and a miss."""
+    parts = [[(name, face, face + 1) for face, name in enumerate(names)] for names in ("", "ab", "cde")]
+    meshes = [Mesh.from_arrays(np.eye(3), [[0, 1, 2]] * (number + 1), parts=each) for number, each in enumerate(parts)]
+    surface = Surface.from_shapes(meshes, ("a", "b", "c"), np.arange(3), np.tile(np.eye(4), (3, 1, 1)))
+    ids, prims = np.array([0, 1, 2, 2, -1], np.int32), np.array([0, 1, 0, 2, -1], np.int32)
+    return Hits(*np.random.default_rng(0).random((3, 5)), prims, surface=surface, known_instance_id=ids)
 
 
-@pytest.mark.parametrize("name", ["a.png", "a.PPM", "a.ppm"])
-def test_a_picture_reads_back_as_it_was(tmp_path, name):
-    files.write_picture(tmp_path / name, RGB)
-    assert (imageio.imread(tmp_path / name) == RGB).all()
-
-
-@pytest.mark.parametrize("name", ["a.jpg", "a.JPEG"])
-def test_a_jpeg_is_close_to_the_picture_and_smaller(tmp_path, name):
+def test_a_picture_reads_back_as_it_was_or_close_to_it(tmp_path):
+    for name in ("a.png", "a.PPM", "a.ppm"):
+        files.write_picture(tmp_path / name, RGB)
+        assert (imageio.imread(tmp_path / name) == RGB).all()
     rows, columns = np.indices((64, 96), np.float32)
     smooth = np.stack((2 * columns, 3 * rows, columns + rows), axis=2).astype(np.uint8)
     smooth[20:40, 30:60] = 250, 10, 30  # edges, also of colours
-    files.write_picture(tmp_path / name, smooth)
-    assert (tmp_path / name).read_bytes()[:3] == b"\xff\xd8\xff"
-    assert np.abs(imageio.imread(tmp_path / name).astype(int) - smooth).max() <= 12
-    assert (tmp_path / name).stat().st_size < smooth.size / 3
+    for name in ("a.jpg", "a.JPEG"):
+        files.write_picture(tmp_path / name, smooth)
+        assert (tmp_path / name).read_bytes()[:3] == b"\xff\xd8\xff"
+        assert np.abs(imageio.imread(tmp_path / name).astype(int) - smooth).max() <= 12
+        assert (tmp_path / name).stat().st_size < smooth.size / 3
+    # A new file has the rights of any other.
+    (tmp_path / "other").touch()
+    assert (tmp_path / "a.ppm").stat().st_mode == (tmp_path / "other").stat().st_mode
 
 
-@pytest.mark.parametrize("name", ["a.ppm", "a.jpg", "a.jpeg"])
-def test_only_a_png_can_be_transparent(tmp_path, name):
-    with pytest.raises(ConfigError, match=rf"a \{name[1:]} file has no transparency; write a \.png"):
-        files.write_picture(tmp_path / name, np.dstack((RGB, RGB[..., 0])))
-    assert not (tmp_path / name).exists()
-
-
-def test_hits_read_back_as_they_were(tmp_path):
-    files.write_hits(tmp_path / "h.npz", HITS, ("a", "b"), ("a", "b 2", "\u00e9"))
+def test_hits_read_back_with_the_names_of_all_parts(tmp_path):
+    hits = make_hits()
+    files.write_hits(tmp_path / "h.npz", hits, ("a", "b", "c"), ("a", "b 2", "\u00e9"))
     with np.load(tmp_path / "h.npz") as loaded:
-        assert loaded["geometry_names"].tolist() == ["a", "b"]
+        for name in ("geometry_id", "instance_id", "prim_id", "t", "u", "v"):
+            expected = np.asarray(getattr(hits, name))
+            assert (loaded[name].dtype, loaded[name].tolist()) == (expected.dtype, expected.tolist())
         assert loaded["instance_names"].tolist() == ["a", "b 2", "\u00e9"]
-        names = {"geometry_id", "instance_id", "prim_id", "t", "u", "v"}
-        assert set(loaded) == names | {"geometry_names", "instance_names"}
-        for name in names:
-            assert (loaded[name] == getattr(HITS, name)).all()
-            assert loaded[name].dtype == getattr(HITS, name).dtype
-
-
-def test_hits_name_the_parts_of_all_meshes(tmp_path):
-    def make(count, names):
-        parts = [(name, face, face + 1) for face, name in enumerate(names)]
-        return Mesh.from_arrays(np.eye(3), [[0, 1, 2]] * count, parts=parts)
-
-    meshes = [make(1, ()), make(2, "ab"), make(3, "cde")]
-    ids = np.array([0, 1, 2, 2, -1], np.int32)
-    surface = Surface.from_shapes(meshes, ("a", "b", "c"), np.arange(3), np.tile(np.eye(4), (3, 1, 1)))
-    t = np.zeros(5)
-    hits = Hits(t, t, t, np.array([0, 1, 0, 2, -1], np.int32), surface=surface, known_instance_id=ids)
-    files.write_hits(tmp_path / "h.npz", hits, ("a", "b", "c"), ("a", "b", "c"))
-    with np.load(tmp_path / "h.npz") as loaded:
         assert loaded["part_id"].tolist() == [-1, 1, 2, 4, -1]
         assert loaded["part_names"].tolist() == ["a", "b", "c", "d", "e"]
 
@@ -84,34 +65,161 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypat
 
     monkeypatch.setattr(np, "savez", fail)
     with pytest.raises(OSError, match="no space"):
-        files.write_hits(tmp_path / "h.npz", HITS, ("a",), ("a",))
+        files.write_hits(tmp_path / "h.npz", make_hits(), ("a",), ("a",))
     assert [path.name for path in tmp_path.iterdir()] == ["h.npz"]
     assert (tmp_path / "h.npz").read_bytes() == b"old"
 
 
-def test_a_new_file_has_the_rights_of_any_other(tmp_path):
-    files.write_picture(tmp_path / "a.ppm", RGB)
-    (tmp_path / "other").touch()
-    assert (tmp_path / "a.ppm").stat().st_mode == (tmp_path / "other").stat().st_mode
+def test_other_names_are_refused_before_the_work(tmp_path):
+    (tmp_path / "folder.ppm").mkdir()
+    with_alpha = np.dstack((RGB, RGB[..., 0]))
+    rows = [
+        *(
+            (lambda name=name: files.check_picture_path(tmp_path / name), r"must end in \.png")
+            for name in ("a.gif", "a")
+        ),
+        (lambda: files.check_hits_path(tmp_path / "hits.csv"), r"must end in \.npz"),
+        (lambda: files.check_picture_path(tmp_path / "gone" / "a.ppm"), "does not exist"),
+        (lambda: files.check_picture_path(tmp_path / "folder.ppm"), "this is a folder"),
+        (
+            lambda: files.write_picture(tmp_path / "a.ppm", with_alpha),
+            r"a \.ppm file has no transparency; write a \.png",
+        ),
+        (lambda: files.write_picture(tmp_path / "a.jpg", with_alpha), r"a \.jpg file has no transparency"),
+    ]
+    for call, words in rows:
+        with pytest.raises(ConfigError, match=words):
+            call()
+    assert [path.name for path in tmp_path.iterdir()] == ["folder.ppm"]
 
 
-@pytest.mark.parametrize("name", ["a.gif", "a", "a.npz"])
-def test_other_kinds_of_pictures_are_refused(tmp_path, name):
-    with pytest.raises(ConfigError, match=r"must end in \.png, \.jpg, \.jpeg, \.ppm"):
-        files.check_picture_path(tmp_path / name)
+def encode_exr(channels, attributes=None):
+    pytest.importorskip("OpenEXR")
+    file = io.BytesIO()
+    files.write_exr(file, channels, attributes)
+    return file.getvalue()
 
 
-def test_other_kinds_of_hit_files_are_refused(tmp_path):
-    with pytest.raises(ConfigError, match=r"must end in \.npz"):
-        files.check_hits_path(tmp_path / "hits.csv")
+def test_exr_holds_every_bit(tmp_path):
+    channels = {
+        "R": np.array([[0, -0.0, np.inf], [-np.inf, np.nan, 1e-40]], np.float32),
+        "strided.Z": np.arange(24, dtype=np.float32).reshape(4, 6)[::2, ::-2],
+        "ids.V": np.array([[0, 1, 2**31], [2**32 - 1, 7, 8]], np.uint32),
+        "half.Y": np.array([[1, 65504, 6e-8], [0, 1, 2]], np.float16),
+    }
+    content = encode_exr(channels, {"camera": '{"a": "\u00e9"}'})
+    (tmp_path / "a.exr").write_bytes(content)
+    read = files.read_exr(tmp_path / "a.exr")
+    assert set(read) == set(channels)
+    for name, pixels in channels.items():
+        assert (read[name].dtype, read[name].tobytes()) == (pixels.dtype, pixels.tobytes())
+    assert '{"a": "\u00e9"}'.encode() in content
+    for damaged in (b"", content[:3], content[:100], content[:-20], content[:-1], b"solid cube\n" * 40):
+        (tmp_path / "a.exr").write_bytes(damaged)
+        with pytest.raises(SceneError, match=r"a\.exr: this is no OpenEXR file"):
+            files.read_exr(tmp_path / "a.exr")
 
 
-def test_a_missing_folder_is_found_before_the_work(tmp_path):
-    with pytest.raises(ConfigError, match="does not exist"):
-        files.check_picture_path(tmp_path / "gone" / "a.ppm")
+def test_a_missing_library_is_named_with_the_command(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "OpenEXR", None)
+    for call in (lambda: files.write_exr(io.BytesIO(), {"Y": RGB}), lambda: files.read_environment_map("a.exr")):
+        with pytest.raises(ConfigError, match="pip install OpenEXR"):
+            call()
 
 
-def test_a_folder_is_no_file(tmp_path):
-    (tmp_path / "a.ppm").mkdir()
-    with pytest.raises(ConfigError, match="this is a folder"):
-        files.check_picture_path(tmp_path / "a.ppm")
+def test_environment_maps_are_colours_or_grey(tmp_path):
+    path = tmp_path / "a.exr"
+    for names in ("RGB", "Y"):
+        for dtype in (np.float16, np.float32):
+            pixels = np.random.default_rng(0).uniform(-0.1, 9, (3, 6, 3)).astype(dtype)
+            path.write_bytes(encode_exr({name: pixels[..., number] for number, name in enumerate(names)}))
+            read = files.read_environment_map(path)
+            assert read.dtype == np.float32
+            assert (read == np.maximum(pixels[..., : len(names)], 0).astype(np.float32)).all()
+    rows = [({"Y": np.float32([[1, np.nan]])}, "finite"), ({"R": np.ones((2, 3), np.float32)}, "this file has R")]
+    for channels, words in rows:
+        path.write_bytes(encode_exr(channels))
+        with pytest.raises(SceneError, match=words):
+            files.read_environment_map(path)
+
+
+HEAD = b"#?RADIANCE\n# made by a test\nFORMAT=32-bit_rle_rgbe\n\n"
+
+
+def compress_row(row):
+    """Return a row, (width, 4) uint8, as literal pieces of up to 128 bytes, and its second half, a run, in runs."""
+    out = bytearray((2, 2, len(row) >> 8, len(row) & 255))
+    half = len(row) // 2
+    for values in row.T:
+        for at in range(0, half, 128):
+            piece = values[at : min(at + 128, half)]
+            out += bytes((len(piece), *piece.tolist()))
+        for at in range(half, len(row), 127):
+            out += bytes((128 + min(127, len(row) - at), values[at]))
+    return bytes(out)
+
+
+def write(path, rgbe, *, compressed=True, head=HEAD, size=None):
+    height, width = rgbe.shape[:2]
+    rows = b"".join(map(compress_row, rgbe)) if compressed else rgbe.tobytes()
+    path.write_bytes(head + (size or f"-Y {height} +X {width}\n".encode()) + rows)
+    return path
+
+
+def make_rgbe(height, width):
+    rgbe = np.random.default_rng(0).integers(129, 256, (height, width, 4)).astype(np.uint8)
+    rgbe[:, width // 2 :] = 128  # a run
+    rgbe[0, 0, 3], rgbe[0, 1, 3] = 0, 1
+    exponent = rgbe[..., 3:].astype(int)
+    return rgbe, np.where(exponent > 0, rgbe[..., :3] * 2.0 ** (exponent - 136), 0.0)
+
+
+def test_radiance_pixels_are_those_of_the_formula(tmp_path):
+    path = tmp_path / "a.hdr"
+    for size in ((1, 8), (3, 9), (5, 700)):
+        rgbe, colours = make_rgbe(*size)
+        for compressed in (True, False):
+            pixels = files.read_radiance(write(path, rgbe, compressed=compressed))
+            assert pixels.dtype == np.float32
+            assert (pixels == colours).all()
+    rgbe, colours = make_rgbe(2, 3)
+    assert (files.read_environment_map(str(write(tmp_path / "b.HDR", rgbe, compressed=False))) == colours).all()
+    # Exposures are divided out, and other orders are turned.
+    rgbe, colours = make_rgbe(2, 9)
+    head = HEAD.replace(b"\n\n", b"\nEXPOSURE= 4\nEXPOSURE=0.5\n\n")
+    assert (files.read_radiance(write(path, rgbe, head=head)) == colours / 2).all()
+    assert (files.read_radiance(write(path, rgbe, size=b"+Y 2 +X 9\n")) == colours[::-1]).all()
+    assert (files.read_radiance(write(path, rgbe, size=b"-Y 2 -X 9\n")) == colours[:, ::-1]).all()
+
+
+def test_damaged_radiance_files_are_refused(tmp_path):
+    path = tmp_path / "bad.hdr"
+    rows = [
+        (b"\x89PNG\r\n", "no Radiance file"),
+        (HEAD, "no Radiance file"),
+        (HEAD + b"-Y 2 +Z 3\n", "the size must read"),
+        (HEAD + b"-Y 0 +X 3\n", "empty or too large"),
+        (HEAD + b"-Y 999999999 +X 999999999\n", "empty or too large"),
+        (HEAD.replace(b"rgbe", b"xyze") + b"-Y 1 +X 1\n1234", "must be 32-bit_rle_rgbe"),
+        (HEAD.replace(b"\n\n", b"\nEXPOSURE=no\n\n") + b"-Y 1 +X 1\n1234", "exposure must be above 0"),
+        (HEAD + b"-Y 1 +X 9\n\x02\x02\x00\x09" + b"\x00\x89\x07" * 4, "row 0 of 1 is damaged"),
+        (HEAD + b"-Y 1 +X 9\n\x02\x02\x00\x09" + b"\x8a\x07" * 40, "row 0 of 1 is damaged"),
+        (HEAD + b"-Y 1 +X 3\n" + b"\x01\x01\x01\x03" * 3, "run-length code of old files"),
+    ]
+    rgbe, _ = make_rgbe(3, 40)
+    for compressed in (True, False):
+        whole = write(path, rgbe, compressed=compressed).read_bytes()
+        rows += [(whole[:-missing], r"bad\.hdr: .*row 2 of 3") for missing in (1, 5)]
+    for content, words in rows:
+        path.write_bytes(content)
+        with pytest.raises(SceneError, match=words):
+            files.read_radiance(path)
+    # Any change of bytes gives pixels or one error.
+    generator, whole = np.random.default_rng(0), write(path, make_rgbe(4, 20)[0]).read_bytes()
+    for _ in range(200):
+        changed = bytearray(whole)
+        for at in generator.integers(0, len(whole), 3):
+            changed[at : at + generator.integers(0, 3)] = generator.bytes(int(generator.integers(0, 4)))
+        path.write_bytes(changed)
+        with suppress(SceneError):
+            assert files.read_radiance(path).ndim == 3

@@ -1,0 +1,171 @@
+"""Several views in one file: contact sheets, turntables, and their animations frame by frame."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import clbvh
+from clbvh.choices import STANDARD_VIEWS
+from clbvh.rendering import series
+from clbvh.rendering.image_files import GROUND, INK, draw_text, width_of
+
+BOX = (np.array([[0, 0, 0], [4, 0, 0], [0, 2, 0], [0, 0, 1.0]]), [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+WIDTH, HEIGHT = 80, 60
+BALL = clbvh.make_shape("icosphere", triangles=80)
+SIZE = {"width": 40, "height": 30}
+
+
+@pytest.fixture(scope="module")
+def sheet():
+    return clbvh.contact_sheet(BOX, width=WIDTH, height=HEIGHT, shading="lambert", up="y")
+
+
+def test_a_sheet_has_the_views_in_their_places_whole_and_at_one_scale(sheet, tmp_path):
+    strip = sheet.rgb.shape[0] // 2 - HEIGHT
+    assert sheet.rgb.shape == (2 * (HEIGHT + strip), 4 * WIDTH, 3)
+    assert tuple(sheet.pictures) == STANDARD_VIEWS
+    sizes = {"front": (4, 2), "back": (4, 2), "left": (1, 2), "right": (1, 2), "top": (4, 1), "bottom": (4, 1)}
+    for number, (view, picture) in enumerate(sheet.pictures.items()):
+        top, left = number // 4 * (HEIGHT + strip), number % 4 * WIDTH
+        np.testing.assert_array_equal(sheet.rgb[top : top + HEIGHT, left : left + WIDTH], picture.rgb)
+        caption = sheet.rgb[top + HEIGHT : top + HEIGHT + strip, left : left + WIDTH]
+        assert (caption[:, 0] == GROUND).all()
+        assert caption.max() > 150
+        rows, columns = np.nonzero(picture.alpha)
+        assert min(rows.min(), columns.min(), HEIGHT - 1 - rows.max(), WIDTH - 1 - columns.max()) > 0
+        if view in sizes:
+            found = np.array([np.ptp(columns) + 1, np.ptp(rows) + 1]) * sheet.pixel_size
+            np.testing.assert_allclose(found, sizes[view], atol=2.5 * sheet.pixel_size)
+    # The ruler in the last place is the widest line, and as long as its label, a round length, says.
+    panel = (sheet.rgb[-HEIGHT - strip :, -WIDTH:] == INK).all(axis=-1)
+    assert panel.sum(axis=1).max() in (round(length / sheet.pixel_size) for length in (2, 5))
+    sheet.save(tmp_path / "a.png")
+    with Image.open(tmp_path / "a.png") as image:
+        np.testing.assert_array_equal(np.asarray(image), sheet.rgb)
+
+
+def test_a_sheet_of_any_size_and_source(sheet):
+    for scale in (1e-30, 1e30):
+        other = clbvh.contact_sheet((BOX[0] * scale, BOX[1]), width=WIDTH, height=HEIGHT, shading="lambert", up="y")
+        np.testing.assert_array_equal(other.pictures["front"].alpha, sheet.pictures["front"].alpha)
+    view = clbvh.View(eye=(0, 0, 9), transparent=True, shading="lambert")
+    for source in (clbvh.Scene(BALL), clbvh.build(BALL)):
+        turned = clbvh.contact_sheet(source, view, up=(0, 0, 1), width=20, height=20)
+        assert turned.rgb.shape[1:] == (80, 3)
+        assert turned.pictures["top"].camera.axes()[2].tolist() == [0, 0, -1]
+    with pytest.raises(clbvh.SceneError, match="width"):
+        clbvh.contact_sheet(BOX, width=0)
+
+
+def test_the_ground_of_a_view_from_the_top_lies_below():
+    bare, grounded = (clbvh.contact_sheet(BALL, width=40, height=40, ground=ground) for ground in (False, True))
+    differs = {view for view in STANDARD_VIEWS if (bare.pictures[view].rgb != grounded.pictures[view].rgb).any()}
+    assert "top" in differs
+    assert "bottom" not in differs
+
+
+def test_lengths_and_letters():
+    for length, rounded in ((1, 1), (1.99, 1), (2, 2), (4.9, 2), (0.099, 0.05), (7e20, 5e20), (3e-31, 2e-31)):
+        assert series._round_down(length) == pytest.approx(rounded)
+    for scale in (1, 3):
+        pixels = np.full((20 * scale, 200 * scale, 3), GROUND, np.uint8)
+        draw_text(pixels, "Top x 4.5", 4 * scale, 100 * scale, scale)
+        rows, columns = np.nonzero((pixels != GROUND).any(axis=-1))
+        assert abs(np.ptp(columns) - width_of("Top x 4.5", scale)) <= 2 * scale
+        assert 6 * scale <= np.ptp(rows) <= 10 * scale
+    draw_text(pixels[:4, :10], "a long text", 1, 5, 2)  # is cut off
+
+
+@pytest.fixture
+def frames(monkeypatch):
+    """The frames that are written, behind their rate."""
+    written = []
+    monkeypatch.setattr(series, "write_animation", lambda path, frames, rate: written.extend([rate, *frames]))
+    return written
+
+
+def test_a_turntable_has_the_pictures_of_a_turn_about_up(frames, tmp_path):
+    done = []
+    view = clbvh.View(up=(0, 1, 0), transparent=True, background=(0.0, 1.0, 0.0), ground=False, samples=2, **SIZE)
+    turn = {"frames": 3, "frames_per_s": 7, "on_frame": lambda *pair: done.append(pair)}
+    clbvh.render_turntable(clbvh.build(BALL), tmp_path / "a.gif", view, **turn, up=(0, 0, 1))
+    assert frames[0] == 7
+    assert done == [(1, 3), (2, 3), (3, 3)]
+    assert frames[1][0, 0].tolist() == [0, 255, 0]
+    with clbvh.Renderer(BALL, view, up=(0, 0, 1), transparent=False) as renderer:
+        cameras = renderer.turntable(3)
+        np.testing.assert_array_equal(frames[1:], [renderer.render(camera=camera).rgb for camera in cameras])
+    # Counterclockwise, seen from above.
+    angles = np.unwrap([np.arctan2(camera.eye[1], camera.eye[0]) for camera in cameras])
+    np.testing.assert_allclose(np.diff(np.degrees(angles)), 120)
+    assert len({round(camera.eye[2], 9) for camera in cameras}) == 1
+
+
+def test_wrong_turns_are_refused_before_any_work(tmp_path, monkeypatch):
+    rows = [
+        *(("a.gif", {"frames": frames}, "frames of a turn") for frames in (0, True, 2.5, "8", 90_001, None)),
+        *(("a.gif", {"frames_per_s": rate}, "frames_per_s") for rate in (0, -1.0, np.nan, np.inf, True, "25")),
+        *((name, {}, words) for name, words in (("a.avi", r"\.gif or \.mp4"), ("gone/a.gif", "does not exist"))),
+        ("a.mp4", {}, "pip install imageio-ffmpeg"),
+    ]
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    for name, turn, words in rows:
+        with pytest.raises(clbvh.ConfigError, match=words):
+            clbvh.render_turntable("no such mesh.ply", tmp_path / name, **turn)
+
+
+COLOURS = [(250, 20, 20), (20, 250, 20), (20, 20, 250), (240, 240, 10)]
+
+
+def make_frames(height, width):
+    return [np.full((height, width, 3), colour, np.uint8) for colour in COLOURS]
+
+
+def test_a_gif_has_the_frames_and_repeats(tmp_path):
+    for size, rate, duration in (((1, 1), 12.5, 80), ((5, 7), 1000, 20)):
+        frames = make_frames(*size)
+        series.write_animation(tmp_path / "a.gif", iter(frames), rate)
+        with Image.open(tmp_path / "a.gif") as image:
+            assert (image.n_frames, image.info["loop"]) == (len(frames), 0)
+            for number, frame in enumerate(frames):
+                image.seek(number)
+                assert image.info["duration"] == duration
+                assert (np.asarray(image.convert("RGB")) == frame).all()
+
+
+# imageio-ffmpeg's reader leaves its pipes to the garbage collector.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("size", [(16, 24), (16, 23), (17, 32)], ids=str)
+def test_a_video_has_the_frames_and_even_sides(tmp_path, size):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    height, width = size
+    series.write_animation(tmp_path / "a.mp4", make_frames(*size), 10)
+    facts, *read = ffmpeg.read_frames(str(tmp_path / "a.mp4"))
+    assert facts["size"] == (width + width % 2, height + height % 2)
+    assert (facts["fps"], facts["codec"], len(read)) == (10, "h264", len(COLOURS))
+    for frame, colour in zip(read, COLOURS, strict=True):
+        pixels = np.frombuffer(frame, np.uint8).reshape(height + height % 2, -1, 3)
+        assert np.abs(pixels.astype(int) - colour).max() < 12
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
+
+
+@pytest.mark.parametrize("name", ["a.gif", "a.mp4"])
+def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path, name):
+    if name == "a.mp4":
+        pytest.importorskip("imageio_ffmpeg")
+    (tmp_path / name).write_bytes(b"old")
+
+    def frames(count, error):
+        yield from make_frames(8, 8)[:count]
+        raise error
+
+    for count in (0, 1, 3):
+        for error in (RuntimeError, KeyboardInterrupt):
+            with pytest.raises(error):
+                series.write_animation(tmp_path / name, frames(count, error))
+            assert [path.name for path in tmp_path.iterdir()] == [name]
+            assert (tmp_path / name).read_bytes() == b"old"
