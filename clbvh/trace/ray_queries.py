@@ -33,7 +33,7 @@ class RayQueries(Moves):
         mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> Hits:
-        """Return the nearest crossing of each ray with the mesh, from either side of the triangles.
+        """Return the nearest hit of each ray, from either side of the triangles.
 
         Parameters
         ----------
@@ -43,7 +43,7 @@ class RayQueries(Moves):
             Broadcast against the origins, without copies: one origin (3,) for many directions (n, 3), or (n, 1, 3) with
             (m, 3) for all pairs.
         t_min, t_max : float or (...,) float, lengths of the direction
-            Broadcast to the rays. Only crossings with t_min <= t <= t_max count, as far as float32 can tell; t_min is
+            Broadcast to the rays. Only hits with t_min <= t <= t_max count, as far as float32 can tell; t_min is
             at least 0.
         mask : int or (...,) int, optional
             32 bits, broadcast to the rays: each sees only the instances whose mask shares a bit with its own; without
@@ -144,7 +144,7 @@ class RayQueries(Moves):
         mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.int32]:
-        """Return (...,) int32: how often each ray crosses the mesh; a shared edge or vertex is one crossing.
+        """Return (...,) int32: the number of hits of each ray; a shared edge or vertex is one hit.
 
         Parameters and errors are those of `closest_hit`; counting stops at `max_hits`, at least 1.
 
@@ -172,15 +172,15 @@ class RayQueries(Moves):
         mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> AllHits:
-        """Return every crossing of each ray, in the order along it; a shared edge or vertex is one crossing.
+        """Return all hits, grouped by ray and sorted by t; a shared edge or vertex is one hit.
 
         Parameters and errors are those of `closest_hit`; rays are numbered in C order. `max_hits`, at least 1, keeps
-        the nearest crossings of each ray; `with_locations` computes the locations at once, which is faster than later.
+        the nearest hits of each ray; `with_locations` computes the locations at once, which is faster than later.
 
         Notes
         -----
-        Each ray is traversed once; rays with eight crossings or more a second time, with 32 or more a third time, and
-        so on by factors of four. 28 bytes per crossing come back, and 40 MiB at a time are on the device; a ray with
+        Each ray is traversed once; rays with eight hits or more a second time, with 32 or more a third time, and
+        so on by factors of four. 28 bytes per hit come back, and 40 MiB at a time are on the device; a ray with
         more gets the room it needs.
 
         Examples

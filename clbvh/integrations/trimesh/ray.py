@@ -265,7 +265,7 @@ class RayMeshIntersector(RayEngine):
 
     Notes
     -----
-    One hit per surface crossing, whatever the triangles that meet there; hits are found by one traversal, never by
+    One hit per point of the surface, however many triangles meet there; hits are found by one traversal, never by
     casting again from where the last one was. Rays without direction, or that are not finite, hit nothing.
 
     Any number of threads may use one object, as long as none changes the mesh meanwhile. All engines of one mesh with

@@ -25,7 +25,7 @@ _POINT_BYTES = 3 * 24
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """One crossing per ray, at ``(1 - u - v) a + u b + v c`` of the triangle with the corners a, b and c.
+    """One hit per ray, at ``(1 - u - v) a + u b + v c`` of the triangle with the corners a, b and c.
 
     On a sphere, u is the azimuth about the object's z axis in turns, from the x axis towards the y axis, and v is the
     angle from the z axis in half turns.
@@ -361,14 +361,14 @@ class Hits:
 
 @dataclass(frozen=True, eq=False)
 class AllHits(Hits):
-    """Every crossing of every ray, ray after ray, each ray's in the order along it.
+    """All hits, grouped by ray, sorted by t.
 
-    The fields of `Hits` have one entry per crossing; none is a miss.
+    The fields of `Hits` have one entry per hit; none is a miss.
 
     Attributes
     ----------
     offsets : (n + 1,) int64
-        The crossings of ray i are those from ``offsets[i]`` to ``offsets[i + 1]``.
+        The hits of ray i are those from ``offsets[i]`` to ``offsets[i + 1]``.
     known_locations : (m, 3) float64 or None
         The result of `locations`, if it was computed along with the hits.
 
@@ -392,17 +392,17 @@ class AllHits(Hits):
 
     @property
     def locations(self) -> NDArray[np.float64]:
-        """(m, 3) float64, the file's coordinates: where the triangles are crossed."""
+        """(m, 3) float64, the file's coordinates: where the triangles are hit."""
         return super().locations if self.known_locations is None else self.known_locations
 
     @property
     def counts(self) -> NDArray[np.int64]:
-        """(n,) int64: crossings of each ray."""
+        """(n,) int64: hits of each ray."""
         return np.diff(self.offsets)
 
     @property
     def ray_id(self) -> NDArray[np.int64]:
-        """(m,) int64: the ray of each crossing."""
+        """(m,) int64: the ray of each hit."""
         return np.repeat(np.arange(len(self.offsets) - 1), self.counts)
 
     def __repr__(self) -> str:
