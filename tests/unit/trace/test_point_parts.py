@@ -1,19 +1,13 @@
 """Parts of point queries: of equally near faces the one that faces the point; trees over chosen instances."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import trimesh
 
-from clbvh import BuildOptions, Mesh, Scene, Spheres, Tracer, make_shape
-from clbvh.builders.build import build_tree
-from clbvh.geometry.corners import Boxes
+from clbvh import Mesh, Scene, Spheres, Tracer, make_shape
 from clbvh.geometry.smooth_normals import find_vertex_faces
 from clbvh.integrations.trimesh.nearest import choose_facing
-from clbvh.structs import INSTANCE
 from clbvh.trace.points.refine import ClosestPoints
-from clbvh.trace.world.top_tree import prune_top
 
 TOLERANCE = 1e-8
 
@@ -80,55 +74,6 @@ def test_the_face_that_faces_special_points():
         distance = np.linalg.norm(np.subtract(point, nearest) / 1e200) * 1e200 if face >= 0 else np.inf
         found = ClosestPoints(np.array([distance]), np.array([nearest], float), np.array([face], np.int32))
         assert choose(mesh, np.array([point], float), found).prim_id.tolist() == [expected], (point, face)
-
-
-def top_over(count, leaf_size, seed):
-    """A tree over boxes, some of them twice."""
-    generator = np.random.default_rng(seed)
-    lower = generator.uniform(-1, 1, (count, 3))
-    lower[generator.random(count) < 0.3] = lower[0]
-    boxes = Boxes.from_arrays(lower, lower + generator.uniform(0, 0.3, (count, 3)), "boxes")
-    bvh = build_tree(boxes, "sah", None, BuildOptions(leaf_size=leaf_size))
-    instances = np.zeros(count, INSTANCE)
-    instances["instance_id"], instances["mask"] = bvh.prim_ids, 1 + bvh.prim_ids
-    return SimpleNamespace(instances=instances, bvh=bvh)
-
-
-def walk(nodes, index=0):
-    """Slots, least and greatest corner below a node of `bvh2`; the boxes of its children are checked."""
-    slots, corners = [], []
-    for child in range(2):
-        box = nodes["aabb_min"][index][child], nodes["aabb_max"][index][child]
-        if (box[0] > box[1]).any():
-            continue
-        first, count = nodes["first"][index][child], nodes["count"][index][child]
-        if count > 0:
-            slots += range(first, first + count)
-        else:
-            below, *around = walk(nodes, first)
-            np.testing.assert_array_equal(box, around)
-            slots += below
-        corners.append(box)
-    return slots, np.min([box[0] for box in corners], axis=0), np.max([box[1] for box in corners], axis=0)
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 400])
-@pytest.mark.parametrize("share", [0.01, 0.3, 1.0])
-def test_a_tree_over_some_instances_holds_them_in_tight_boxes(count, share):
-    for leaf_size in (1, 4):
-        top, generator = top_over(count, leaf_size, seed=count), np.random.default_rng(9)
-        chosen = np.flatnonzero(generator.random(count) < share)
-        chosen = generator.permutation(chosen if len(chosen) else [count // 2])
-        arrays = prune_top(top, chosen)
-        np.testing.assert_array_equal(np.sort(arrays["instances"]["instance_id"]), np.sort(chosen))
-        np.testing.assert_array_equal(arrays["instances"]["mask"], arrays["instances"]["instance_id"] + 1)
-        slots, *around = walk(arrays["top_nodes"])
-        np.testing.assert_array_equal(np.sort(slots), np.arange(len(chosen)))
-        assert len(arrays["top_nodes"]) <= max(1, len(chosen) - 1)
-        if leaf_size == 1:
-            corners = top.bvh.shape.corners[chosen].reshape(-1, 3)
-            np.testing.assert_array_equal(around, (corners.min(axis=0), corners.max(axis=0)))
-        assert prune_top(top, chosen[:0])["instances"]["mask"].tolist() == [0]
 
 
 @pytest.mark.parametrize("chosen", [1, 60])

@@ -11,7 +11,7 @@ from clbvh.trace import put_rays
 from clbvh.trace.hits import all_hits as all_hits_module
 from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import read_rays
-from clbvh.trace.rays.coherence import is_pencil, sort_rays
+from clbvh.trace.rays.coherence import sort_rays
 from clbvh.trace.world.tree_box import TreeBox
 
 from ...rays import aim, random_rays
@@ -83,14 +83,6 @@ def test_rays_of_a_pencil_are_sorted_finely(kind):
     assert mean_step(origins + t[:, None] * directions, order) < 0.02
 
 
-def test_a_pencil_is_one_at_every_size():
-    for scale in (1e-30, 1.0, 1e30):
-        box = box_of(1, 1, 1, scale=2.0 ** -np.floor(np.log2(scale)))
-        for kind, expected in (("outside", True), ("parallel", True), ("scattered", False)):
-            rays = (scale * part for part in rays_in_no_order(kind, count=1000))
-            assert is_pencil(read_rays(*rays, 0.0, np.inf)[0], 0, 1000, box) == expected, (kind, scale)
-
-
 def test_rays_stay_as_they_are_where_sorting_does_not_pay():
     scattered, pencil = rays_in_no_order("scattered"), rays_in_no_order("outside")
     assert order_of(*(part[: pieces.LEAST_RAYS - 1] for part in scattered)) is None
@@ -116,16 +108,6 @@ def test_rays_stay_as_they_are_where_sorting_does_not_pay():
         )
         assert (order is not None) == is_sorted, steps
         assert np.unique(samples[0].directions.items, axis=0).shape == (512, 3)
-
-
-@pytest.mark.parametrize("half", [(1, 1, 0), (0, 0, 0), (1e-30, 1e30, 1)], ids=str)
-def test_boxes_and_rays_of_any_shape_are_no_error(half):
-    origins, directions = rays_in_no_order("scattered")
-    directions[::3, 0], directions[1::3, 1:], origins[::5] = 0.0, 0.0, half
-    directions[:, 2] = np.where((directions == 0).all(axis=1), 1.0, directions[:, 2])
-    for t_max in (np.inf, 1e-3, 0.0):
-        order = order_of(origins, directions, t_max, box=box_of(*half))
-        assert order is None or np.array_equal(np.sort(order), np.arange(COUNT))
 
 
 def test_rays_at_a_small_tree_are_sorted_where_they_hit(session, monkeypatch):

@@ -54,31 +54,6 @@ def test_steps_by_hand(count):
     assert set(mean_steps(count(make_tree(), np.empty((0, 3)), np.empty((0, 3)))).values()) == {0.0}
 
 
-@pytest.mark.parametrize("prims", [2, 64])
-def test_a_ray_through_every_box_and_no_triangle(count, prims):
-    """Triangles one behind the other, which leave half of their boxes' faces free."""
-    corners = np.zeros((prims, 3, 3))
-    corners[:, :, 0] = np.arange(prims)[:, None]
-    corners[:, 1, 1] = corners[:, 2, 2] = 1
-    mesh = Mesh.from_arrays(corners.reshape(-1, 3), np.arange(3 * prims).reshape(-1, 3))
-    # From before all, and from within: only what lies ahead.
-    steps = count(build(mesh, leaf_size=1), [[-1, 0.9, 0.9], [prims - 1.5, 0.9, 0.9]], [1, 0, 0])
-    assert steps[0].tolist() == (prims - 1, prims, prims, -1)
-    assert steps[1].tolist()[1:3] == (1, 1)
-
-
-def test_wide_trees_have_fewer_and_larger_steps(count, tracer, mesh, rays):
-    bvh, before = build(mesh), np.inf
-    for layout, width in LAYOUT_WIDTHS.items():
-        steps = count(bvh, *rays, layout)
-        np.testing.assert_array_equal(steps["prim_id"], tracer.closest_prim(*rays))
-        assert mean_steps(steps)["node_steps"] < before
-        before = mean_steps(steps)["node_steps"]
-        if width > 2:
-            assert (steps["prim_tests"] >= steps["leaf_visits"]).all()
-            assert (steps["prim_tests"] <= width * steps["leaf_visits"]).all()
-
-
 @pytest.mark.parametrize("name", ["knot", "boxes", "terrain", "palace"])
 def test_axis_parallel_rays_visit_no_more_than_slightly_turned_ones(count, name):
     """A slab test that lets 0 x infinity through makes them visit nearly every leaf."""

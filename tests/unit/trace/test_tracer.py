@@ -16,23 +16,13 @@ from clbvh.rendering.painters import FrameRenderer, OneRayPainter
 from clbvh.rendering.view_finder import ViewFinder
 from clbvh.structs import HIT, PACKED_RAY
 from clbvh.trace import tracer as tracer_module
-from clbvh.trace.launch import MOST_HALVINGS
 from clbvh.trace.rays import pieces
 
 from ...chain import make_chain
 from ...worlds import open_mesh
 
 FIELDS = ("t", "u", "v", "prim_id")
-QUERIES = {
-    "closest_hit": lambda tracer, rays: tracer.closest_hit(*rays),
-    "closest_prim": lambda tracer, rays: tracer.closest_prim(*rays),
-    "any_hit": lambda tracer, rays: tracer.any_hit(*rays),
-    "count_hits": lambda tracer, rays: tracer.count_hits(*rays),
-    "all_hits": lambda tracer, rays: tracer.all_hits(*rays),
-    "closest_point": lambda tracer, rays: tracer.closest_point(rays[0]),
-    "contains": lambda tracer, rays: tracer.contains(0.1 * rays[0]),
-    "ambient_occlusion": lambda tracer, rays: tracer.ambient_occlusion(*rays),
-}
+RAY_QUERIES = ("closest_hit", "closest_prim", "any_hit", "count_hits", "all_hits", "ambient_occlusion")
 
 
 @pytest.fixture(scope="module")
@@ -47,10 +37,11 @@ def assert_same(obtained, expected, rows=slice(None)):
         assert getattr(obtained, field).tobytes() == getattr(expected, field)[rows].tobytes(), (field, rows)
 
 
-def arrays_of(answer):
-    if isinstance(answer, np.ndarray):
-        return [answer]
-    return [getattr(answer, name) for name in (*FIELDS, "offsets", "distance", "point") if hasattr(answer, name)]
+def ask(tracer, query, rays):
+    """The arrays of an answer."""
+    answer = getattr(tracer, query)(*(rays if query in RAY_QUERIES else (0.1 * rays[0],)))
+    names = (*FIELDS, "offsets", "distance", "point")
+    return [answer] if isinstance(answer, np.ndarray) else [getattr(answer, n) for n in names if hasattr(answer, n)]
 
 
 def record_allocations(monkeypatch):
@@ -60,25 +51,6 @@ def record_allocations(monkeypatch):
         DeviceSession, "allocate", lambda self, size, **how: sizes.append(size) or allocate(self, size, **how)
     )
     return sizes
-
-
-@pytest.mark.parametrize("chunk", [pieces.CHUNK_RAYS, 100])
-def test_any_number_of_rays_in_any_chunks(tracer, rays, expected, monkeypatch, chunk):
-    monkeypatch.setattr(pieces, "CHUNK_RAYS", chunk)
-    for count in (0, 1, 63, 64, 65, 99, 100, 101, 1023, 1024, 1025):
-        given, t_max = (rays[0][:count], rays[1][:count]), np.where(np.arange(count) % 3, np.inf, 0.5)
-        assert_same(tracer.closest_hit(*given), expected, slice(count))
-        blocked = tracer.any_hit(*given, t_max=t_max)
-        np.testing.assert_array_equal(blocked, (expected.t[:count] <= t_max) & expected.is_hit[:count])
-
-
-def test_a_ray_gets_the_same_answer_alone_in_any_order_and_beside_any_other(tracer, rays, expected):
-    for row in range(0, 3072, 97):
-        assert_same(tracer.closest_hit(rays[0][row : row + 1], rays[1][row : row + 1]), expected, [row])
-    order = np.random.default_rng(32).permutation(3072)
-    assert_same(tracer.closest_hit(rays[0][order], rays[1][order]), expected, order)
-    longer = tracer.closest_hit(np.append(rays[0], [[0, 0, 9]], axis=0), np.append(rays[1], [[0, 0, 1e-30]], axis=0))
-    assert_same(longer[:-1], expected)
 
 
 def test_memory_is_that_of_one_chunk_at_most(session, mesh, rays, expected, monkeypatch):
@@ -96,45 +68,17 @@ def test_memory_is_that_of_one_chunk_at_most(session, mesh, rays, expected, monk
         assert opened._caster.session.buffer_count + memory.session.buffer_count == 4
 
 
-@pytest.mark.parametrize("least_rays", [1 << 16, 100], ids=["unsorted", "sorted"])
-def test_buffers_respect_the_largest_allocation(session, mesh, rays, expected, monkeypatch, least_rays):
+def test_buffers_respect_the_largest_allocation(session, mesh, rays, expected, monkeypatch):
     """As on a device that allocates no more than 16 KiB at a time, apart from the tree."""
-    monkeypatch.setattr(pieces, "LEAST_RAYS", least_rays)
     with Tracer(mesh, device=session.info) as opened:
         opened._caster.session.info = dataclasses.replace(session.info, max_allocation_bytes=16384)
         sizes = record_allocations(monkeypatch)
-        assert_same(opened.closest_hit(*rays), expected)
-        np.testing.assert_array_equal(opened.count_hits(*rays), opened.all_hits(*rays).counts)
-        assert opened.closest_point(rays[0]).distance.shape == (3072,)
+        for least_rays in (1 << 16, 100):  # which are not sorted, and which are
+            monkeypatch.setattr(pieces, "LEAST_RAYS", least_rays)
+            assert_same(opened.closest_hit(*rays), expected)
+            np.testing.assert_array_equal(opened.count_hits(*rays), opened.all_hits(*rays).counts)
+        opened.closest_point(rays[0])
     assert max(sizes) <= 16384
-
-
-def test_progress_is_told(tracer, rays, monkeypatch):
-    monkeypatch.setattr(pieces, "CHUNK_RAYS", 1000)
-    for cast in (tracer.closest_hit, tracer.closest_prim, tracer.any_hit):
-        told = []
-        cast(*rays, progress=lambda done, total, told=told: told.append((done, total)))
-        assert told == [(1000, 3072), (2000, 3072), (3000, 3072), (3072, 3072)]
-
-
-def test_times_add_up(session, mesh, rays):
-    with Tracer(mesh, device=session.info) as opened:
-        times = [opened.timings_ms]
-        for cast in (opened.closest_hit, opened.any_hit):
-            cast(*rays)
-            times.append(opened.timings_ms)
-    assert [set(time) for time in times] == [{"upload"}] + [{"upload", "kernel", "download"}] * 2
-    assert times[0]["upload"] < times[1]["upload"] < times[2]["upload"]
-    assert 0 < times[1]["kernel"] < times[2]["kernel"]
-
-
-def test_a_closed_tracer_says_so(session, mesh):
-    opened = Tracer(mesh, device=session.info)
-    opened.close()
-    opened.close()
-    for cast in (opened.closest_hit, opened.any_hit):
-        with pytest.raises(QueryError, match="the tracer is closed"):
-            cast([[0, 0, 0]], [[0, 0, 1]])
 
 
 def test_what_cannot_be_opened_leaves_nothing_on_the_device(session, mesh, monkeypatch):
@@ -178,13 +122,13 @@ def limit(monkeypatch):
     return set_limit
 
 
-@pytest.mark.parametrize("name", QUERIES)
-def test_little_memory_gives_the_same_answers_in_smaller_pieces(mesh, tracer, rays, session, limit, name):
-    expected = arrays_of(QUERIES[name](tracer, rays))
+@pytest.mark.parametrize("query", [*RAY_QUERIES, "closest_point", "contains"])
+def test_little_memory_gives_the_same_answers_in_smaller_pieces(mesh, tracer, rays, session, limit, query):
+    expected = ask(tracer, query, rays)
     with Tracer(mesh, device=session.info) as small:
         limit(34_000)  # 3,072 rays take 98 KB and points 37 KB; the fewest rays that are cast at a time 33 KB
         for _ in range(2):
-            for one, other in zip(arrays_of(QUERIES[name](small, rays)), expected, strict=True):
+            for one, other in zip(ask(small, query, rays), expected, strict=True):
                 np.testing.assert_array_equal(one, other)
     assert limit.refused
 
@@ -195,20 +139,6 @@ def test_a_device_without_any_memory_is_one_error(mesh, rays, session, limit):
             limit(64, error)
             with pytest.raises(DeviceMemoryError, match=r"cannot hold a buffer of .*: try a smaller job"):
                 full.closest_hit(*rays)
-
-
-def test_other_errors_of_a_device_are_not_tried_again(mesh, rays, session, monkeypatch):
-    calls = []
-
-    def fail(self, *arguments, **named):
-        calls.append(1)
-        raise DeviceError("broken")
-
-    with Tracer(mesh, device=session.info) as broken:
-        monkeypatch.setattr(DeviceSession, "run", fail)
-        with pytest.raises(DeviceError, match="broken"):
-            broken.closest_hit(*rays)
-    assert len(calls) == 1
 
 
 def test_a_picture_is_drawn_in_narrower_bands(mesh, session, limit):
@@ -227,17 +157,6 @@ def test_a_picture_is_drawn_in_narrower_bands(mesh, session, limit):
             FrameRenderer(opened, world).render(view, painter)
 
 
-def test_threads_that_are_refused_together_halve_once(tracer):
-    caster = tracer._caster
-    before = caster.halvings
-    try:
-        assert [caster.cut_smaller(before) for _ in range(8)] == [True] * 8
-        assert caster.halvings == before + 1
-        assert not caster.cut_smaller(MOST_HALVINGS)
-    finally:
-        caster.halvings = before
-
-
 SECOND_TRACER = """
 import os, sys
 import numpy as np
@@ -249,31 +168,26 @@ opened, compiled = [], []
 
 def listen(event, arguments):
     # Settings are looked for at each opening, and there are none.
-    is_found = event != "open" or os.path.exists(str(arguments[0]))
-    if is_second and is_found and event in ("open", "os.listdir", "os.scandir", "subprocess.Popen"):
-        opened.append(str(arguments[0]))
+    if event in ("open", "os.listdir", "os.scandir", "subprocess.Popen") and os.path.exists(str(arguments[0])):
+        opened.append(arguments[0])
 
 def use(bvh):
     rays = np.random.default_rng(0).normal(size=(2, 50, 3))
     with clbvh.Tracer(bvh) as tracer:
-        tracer.closest_hit(*rays).locations
         tracer.all_hits(*rays)
         tracer.any_hit(*rays)
         tracer.signed_distance(rays[0])
         tracer.update(bvh.mesh.vertices * 2)
-        tracer.closest_hit(*rays)
+        tracer.closest_hit(*rays).locations
 
-is_second = False
-sys.addaudithook(listen)
 # A build asks the system for its memory, so trees are built before.
 bvhs = [clbvh.build(clbvh.make_shape("icosphere", triangles=triangles)) for triangles in (80, 320)]
 use(bvhs[0])
 compile_now = program._compile
 program._compile = lambda *given: compiled.append(given[-2]) or compile_now(*given)
-is_second = True
+sys.addaudithook(listen)
 with install_recorder("numba:compile") as recorder:
     use(bvhs[1])
-is_second = False
 print(len(recorder.buffer), compiled, opened)
 """
 
