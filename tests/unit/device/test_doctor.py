@@ -1,10 +1,16 @@
-"""The doctor's checks on made-up machines, its registrations, and its probes on real processes."""
+"""The doctor's checks and registrations on made-up machines, what the loader is shown, and probes of real processes."""
 
+import ctypes
+import os
+import struct
+import subprocess
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from clbvh.device import doctor
+from clbvh.device import doctor, driver_files
 from clbvh.device.doctor import (
     CPU_DRIVERS,
     advise,
@@ -14,7 +20,16 @@ from clbvh.device.doctor import (
     register_drivers,
     try_library,
 )
-from clbvh.device.driver_files import DriverFile
+from clbvh.device.driver_files import (
+    DriverFile,
+    added_drivers,
+    find_added,
+    find_bundled_folder,
+    find_folders,
+    find_registered_folder,
+    read_driver_files,
+)
+from clbvh.device.pocl_cpu_name import choose_name, name_unknown_cpu
 from clbvh.device.probe import ProbeResult, run_probe
 from clbvh.errors import ConfigError
 
@@ -24,21 +39,21 @@ DOCS = Path(__file__).parents[3] / "docs"
 TIMEOUT_S = 60
 
 
-def make_pci_device(root, address, vendor, pci_class):
-    folder = root / address
-    folder.mkdir(parents=True)
-    (folder / "vendor").write_text(f"{vendor:#06x}\n")
-    (folder / "class").write_text(f"{pci_class:#08x}\n")
-
-
 def test_gpus_without_a_device_are_found_on_the_bus(tmp_path):
-    make_pci_device(tmp_path, "0000:00:1f.0", 0x8086, 0x060100)  # a bridge
-    make_pci_device(tmp_path, "0000:01:00.0", 0x10DE, 0x030200)
-    make_pci_device(tmp_path, "0000:01:00.1", 0x10DE, 0x040300)  # its sound
-    make_pci_device(tmp_path, "0000:02:00.0", 0x1002, 0x120000)  # a card without a display
-    make_pci_device(tmp_path, "0000:03:00.0", 0x1AF4, 0x030000)  # a virtual display
-    make_pci_device(tmp_path, "0000:04:00.0", 0x10DE, 0x030200)
-    (tmp_path / "0000:05:00.0").mkdir()
+    devices = [
+        (0x8086, 0x060100),  # a bridge
+        (0x10DE, 0x030200),
+        (0x10DE, 0x040300),  # its sound
+        (0x1002, 0x120000),  # a card without a display
+        (0x1AF4, 0x030000),  # a virtual display
+        (0x10DE, 0x030200),
+    ]
+    for number, (vendor, pci_class) in enumerate(devices):
+        folder = tmp_path / f"0000:{number:02}:00.0"
+        folder.mkdir()
+        (folder / "vendor").write_text(f"{vendor:#06x}\n")
+        (folder / "class").write_text(f"{pci_class:#08x}\n")
+    (tmp_path / "0000:07:00.0").mkdir()
     findings = list(check_gpus([POCL_3], tmp_path))
     assert [finding.message.split()[5] for finding in findings] == ["NVIDIA", "AMD"]
     assert all(finding.advice for finding in findings)
@@ -47,42 +62,33 @@ def test_gpus_without_a_device_are_found_on_the_bus(tmp_path):
     assert list(check_gpus([], tmp_path / "no bus")) == []
 
 
-# The words of the report in pocl/pocl issue 1049.
-UNKNOWN_CPU = "clBuildProgram failed: BUILD_PROGRAM_FAILURE\nerror: unknown target CPU 'generic'"
+def test_advice_fits_the_failure():
+    for text, expected in {
+        # The words of the report in pocl/pocl issue 1049.
+        "clBuildProgram failed: BUILD_PROGRAM_FAILURE\nerror: unknown target CPU 'generic'": "POCL_LLVM_CPU_NAME",
+        f"{POCL_3} was killed by SIGILL": "older than the CPU",
+        f"{GEFORCE} was killed by SIGILL": "update the driver",
+        "did not answer within 60 s": "hangs",
+        "write failed: No space left on device": "CUDA_CACHE_PATH",
+        "the platform 'Portable Computing Language' offers no device": "POCL_CACHE_DIR",
+        "the platform 'rusticl' offers no device": "RUSTICL_ENABLE=radeonsi",
+        "libimf.so: cannot open shared object file": "pip install intel-cmplr-lib-rt",
+        "something else": "update the driver",
+    }.items():
+        assert expected in "\n".join(advise(text)), text
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        (UNKNOWN_CPU, "POCL_LLVM_CPU_NAME"),
-        (f"{POCL_3} was killed by SIGILL", "older than the CPU"),
-        (f"{GEFORCE} was killed by SIGILL", "update the driver"),
-        ("did not answer within 60 s", "hangs"),
-        ("write failed: No space left on device", "CUDA_CACHE_PATH"),
-        ("the platform 'Portable Computing Language' offers no device", "POCL_CACHE_DIR"),
-        ("the platform 'rusticl' offers no device", "RUSTICL_ENABLE=radeonsi"),
-        ("libimf.so: cannot open shared object file", "pip install intel-cmplr-lib-rt"),
-        ("something else", "update the driver"),
-    ],
-)
-def test_advice_fits_the_failure(text, expected):
-    assert expected in "\n".join(advise(text))
-
-
-@pytest.mark.parametrize("machine", CPU_DRIVERS)
-def test_the_documentation_has_the_commands_of_each_platform(machine):
-    commands = "; ".join(f"`{command.removeprefix('$ ')}`" for command in CPU_DRIVERS[machine])
-    rows = [line for line in (DOCS / "devices.md").read_text().splitlines() if line.endswith(f"| {commands} |")]
-    assert len(rows) == 1
-
-
-# The registration
+def test_the_documentation_has_the_commands_of_each_platform():
+    lines = (DOCS / "devices.md").read_text().splitlines()
+    for machine, commands in CPU_DRIVERS.items():
+        told = "; ".join(f"`{command.removeprefix('$ ')}`" for command in commands)
+        assert len([line for line in lines if line.endswith(f"| {told} |")]) == 1, machine
 
 
 @pytest.fixture
-def machine(tmp_path, monkeypatch):
+def drivers(tmp_path, monkeypatch):
     """A machine on which Intel's library lies in no folder of the loader; returns the folder for its drivers."""
-    for variable in ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH"):
+    for variable in driver_files.VENDOR_VARIABLES:
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.setenv("CLBVH_DRIVERS", str(tmp_path / "drivers"))
     monkeypatch.setenv("LD_LIBRARY_PATH", str(tmp_path / "lib"))
@@ -94,7 +100,7 @@ def machine(tmp_path, monkeypatch):
     return tmp_path / "drivers"
 
 
-def test_libraries_that_no_driver_file_names_are_found_once(machine, tmp_path):
+def test_libraries_that_no_driver_file_names_are_found_once(drivers, tmp_path):
     for name in ("libnvidia-opencl.so.1", "libnvidia-opencl.so.570.86", "libcuda.so.1"):
         (tmp_path / "lib" / name).touch()
     intel, nvidia = tmp_path / "lib/libintelocl.so", tmp_path / "lib/libnvidia-opencl.so.1"
@@ -102,36 +108,29 @@ def test_libraries_that_no_driver_file_names_are_found_once(machine, tmp_path):
     assert find_unregistered([DriverFile(tmp_path / "a.icd", "libintelocl.so.2026")]) == [(nvidia, "nvidia.icd")]
 
 
-def test_a_driver_that_works_is_registered_once(machine, tmp_path):
+def test_a_driver_that_works_is_registered_once(drivers, tmp_path):
+    library = str(tmp_path / "lib/libintelocl.so")
     (step,) = register_drivers(TIMEOUT_S, dry_run=True)
-    library = tmp_path / "lib/libintelocl.so"
-    assert (step.action, step.path, step.library, step.reason) == (
-        ("write", machine / "intel64.icd", str(library), "Xeon")
-    )
-    assert not machine.exists()
+    assert (step.action, step.path, step.library, step.reason) == ("write", drivers / "intel64.icd", library, "Xeon")
+    assert not drivers.exists()
     assert register_drivers(TIMEOUT_S, dry_run=False) == [step]
     assert step.path.read_text() == f"{library}\n"
-    assert [file.name for file in machine.iterdir()] == ["intel64.icd"]
     assert register_drivers(TIMEOUT_S, dry_run=False) == []
+    # One whose library is gone is replaced.
+    step.path.write_text("/gone/libintelocl.so\n")
+    assert register_drivers(TIMEOUT_S, dry_run=False) == [step]
+    assert [file.read_text() for file in drivers.iterdir()] == [f"{library}\n"]
 
 
-def test_a_driver_that_does_not_work_is_left_alone_with_the_reason(machine, monkeypatch):
+def test_a_driver_that_does_not_work_is_left_alone_with_the_reason(drivers, monkeypatch):
     monkeypatch.setattr(doctor, "try_library", lambda *_: ([], "was killed by SIGSEGV"))
     (step,) = register_drivers(TIMEOUT_S, dry_run=False)
     assert (step.action, step.reason) == ("leave", "was killed by SIGSEGV")
-    assert not machine.exists()
+    assert not drivers.exists()
 
 
-def test_a_registration_whose_library_is_gone_is_replaced(machine, tmp_path):
-    machine.mkdir()
-    (machine / "intel64.icd").write_text("/gone/libintelocl.so\n")
-    (step,) = register_drivers(TIMEOUT_S, dry_run=False)
-    assert (step.action, step.path) == ("write", machine / "intel64.icd")
-    assert step.path.read_text() == f"{tmp_path}/lib/libintelocl.so\n"
-
-
-def test_what_keeps_a_registration_from_counting_is_one_sentence(machine, monkeypatch):
-    machine.write_text("a file")
+def test_what_keeps_a_registration_from_counting_is_one_sentence(drivers, monkeypatch):
+    drivers.write_text("a file")
     with pytest.raises(ConfigError, match="cannot be written"):
         register_drivers(TIMEOUT_S, dry_run=False)
     monkeypatch.setenv("OCL_ICD_VENDORS", "/somewhere")
@@ -139,93 +138,259 @@ def test_what_keeps_a_registration_from_counting_is_one_sentence(machine, monkey
         register_drivers(TIMEOUT_S, dry_run=False)
 
 
-def test_a_file_that_is_no_driver_is_tried_and_refused(tmp_path):
+def test_a_library_that_cannot_be_loaded_is_refused_with_what_brings_the_missing(tmp_path, monkeypatch):
     library = tmp_path / "libintelocl.so"
     library.write_text("no library at all")
     working, failure = try_library(str(library), TIMEOUT_S)
     assert working == []
     assert failure
+    missing = "libimf.so: cannot open shared object file: No such file or directory"
+    monkeypatch.setattr(doctor, "run_probe", lambda *_, **__: ProbeResult({}, missing, ""))
+    assert "pip install intel-cmplr-lib-rt" in try_library("/lib/libintelocl.so", TIMEOUT_S)[1]
 
 
-def test_a_runtime_of_intel_without_its_compilers_libraries_is_told_what_brings_them(monkeypatch):
-    failure = "libimf.so: cannot open shared object file: No such file or directory"
-    monkeypatch.setattr(doctor, "run_probe", lambda *_, **__: ProbeResult({}, failure, ""))
-    working, reason = try_library("/lib/libintelocl.so", TIMEOUT_S)
-    assert working == []
-    assert reason.startswith(failure)
-    assert "pip install intel-cmplr-lib-rt" in reason
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """A machine with two drivers of the system's; returns the folder for its user's."""
+    for name in ("system", "own", "bundled"):
+        (tmp_path / name).mkdir()
+    for name in ("libsystem.so.1.2", "libmine.so"):
+        (tmp_path / name).touch()
+    (tmp_path / "libsystem.so.1").symlink_to("libsystem.so.1.2")
+    (tmp_path / "system/system.icd").write_text(f"{tmp_path}/libsystem.so.1\n")
+    (tmp_path / "system/bare.icd").write_text("libbare.so.3\n")
+    monkeypatch.setattr(driver_files, "SYSTEM_VENDORS", tmp_path / "system")
+    monkeypatch.setattr(driver_files, "_callers", [])
+    monkeypatch.setattr(driver_files, "find_bundled_folder", lambda: tmp_path / "bundled")
+    monkeypatch.setenv("CLBVH_DRIVERS", str(tmp_path / "own"))
+    for variable in driver_files.VENDOR_VARIABLES:
+        monkeypatch.delenv(variable, raising=False)
+    return tmp_path / "own"
 
 
-# The probes
+def register(own, name, library):
+    (own / name).write_text(f"{library}\n")
+    return DriverFile(own / name, str(library))
 
 
-def test_each_device_of_this_machine_passes_its_trial():
+def test_a_library_that_is_there_is_offered_unless_the_loader_finds_it_by_itself(own, tmp_path):
+    mine = register(own, "mine.icd", tmp_path / "libmine.so")
+    (tmp_path / "deeper").mkdir()
+    (tmp_path / "deeper/libbare.so.3").touch()
+    libraries = ("libgone.so", "", "deeper", "libsystem.so.1", "libsystem.so.1.2", "deeper/libbare.so.3", "libmine.so")
+    for number, library in enumerate(libraries):
+        register(own, f"other{number}.icd", tmp_path / library)
+    register(own, "relative.icd", "libmine.so")
+    assert find_added() == [mine]
+
+
+def test_the_loader_sees_the_files_of_the_system_and_the_users_for_one_call(own, tmp_path):
+    register(own, "system.icd", tmp_path / "libmine.so")
+    expected = [f"{tmp_path}/libsystem.so.1\n", "libbare.so.3\n", f"{tmp_path}/libmine.so\n"]
+    seen = []
+
+    def look():
+        with added_drivers():
+            seen.append(Path(os.environ["OCL_ICD_VENDORS"]))
+            assert sorted(path.read_text() for path in seen[0].glob("*.icd")) == sorted(expected)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        look()
+    assert "OCL_ICD_VENDORS" not in os.environ
+    assert not seen[0].exists()
+
+
+def test_the_loader_is_left_alone_without_a_driver_after_the_first_call_and_without_a_folder_for_temporary_files(
+    own, tmp_path, monkeypatch
+):
+    with added_drivers():
+        assert "OCL_ICD_VENDORS" not in os.environ
+    register(own, "mine.icd", tmp_path / "libmine.so")
+    with added_drivers():
+        assert "OCL_ICD_VENDORS" not in os.environ
+    monkeypatch.setattr(driver_files, "_callers", [])
+    monkeypatch.setattr(driver_files.tempfile, "tempdir", str(tmp_path / "no such folder"))
+    with added_drivers():
+        assert "OCL_ICD_VENDORS" not in os.environ
+
+
+def test_the_folders_of_driver_files(own, tmp_path, monkeypatch):
+    assert find_folders() == [tmp_path / "system", own, tmp_path / "bundled"]
+    register(own, "mine.icd", tmp_path / "libmine.so")
+    for variable in driver_files.VENDOR_VARIABLES:
+        with monkeypatch.context() as patch:
+            patch.setenv(variable, str(tmp_path))
+            assert find_folders() == [tmp_path, tmp_path / "bundled"]
+            assert find_added() == []
+    assert find_registered_folder() == own
+    monkeypatch.setenv("CLBVH_DRIVERS", "")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    assert find_registered_folder() == tmp_path / "config/clbvh/drivers"
+    # The loader of a conda environment reads the environment.
+    monkeypatch.setattr(driver_files.sys, "prefix", str(tmp_path))
+    monkeypatch.setattr(driver_files, "find_bundled_folder", lambda: None)
+    (tmp_path / "etc/OpenCL/vendors").mkdir(parents=True)
+    assert find_folders()[0] == tmp_path / "etc/OpenCL/vendors"
+
+
+def test_driver_files_are_read_as_the_loader_reads_them(own, tmp_path, monkeypatch):
+    monkeypatch.setenv("OCL_ICD_VENDORS", str(tmp_path / "system"))
+    (tmp_path / "bundled/libpocl.so").touch()
+    (tmp_path / "bundled/pocl.icd").write_text("libpocl.so\n")
+    (tmp_path / "system/odd.icd").write_text("liba.so \r\nsecond line\n")
+    (tmp_path / "system/folder.icd").mkdir()
+    assert [(file.path.name, file.library) for file in read_driver_files()] == [
+        ("bare.icd", "libbare.so.3"),
+        ("folder.icd", ""),
+        ("odd.icd", "liba.so \r"),
+        ("system.icd", f"{tmp_path}/libsystem.so.1"),
+        ("pocl.icd", str(tmp_path / "bundled/libpocl.so")),
+    ]
+
+
+LIST = """
+import os
+from clbvh.device.select import list_devices
+print(len(list_devices()), len(list_devices()))
+assert "OCL_ICD_VENDORS" not in os.environ
+"""
+
+
+def list_in_a_process(own):
+    """Count the devices in a process without a variable that names drivers; its loader reports what it reads."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("OCL_", "OPENCL_"))}
+    environment = kept | {"CLBVH_DRIVERS": str(own), "OCL_ICD_DEBUG": "15"}
+    command = [sys.executable, "-c", LIST]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=TIMEOUT_S, check=True)
+
+
+def test_the_real_loader_is_led_to_a_registered_library_and_lists_no_pocl_twice(tmp_path):
+    bundled = find_bundled_folder()
+    if bundled is None:
+        pytest.skip("this pyopencl has no loader of its own, so its words are unknown")
+    own, library = tmp_path / "drivers", tmp_path / "libmine.so"
+    own.mkdir()
+    library.write_text("no library at all")
+    alone = list_in_a_process(own)
+    assert str(library) not in alone.stderr
+    register(own, "mine.icd", library)
+    for pocl in bundled.glob("libpocl*"):
+        (tmp_path / "libpocl.so.2").symlink_to(pocl)
+        register(own, "pocl.icd", tmp_path / "libpocl.so.2")
+        break
+    shown = list_in_a_process(own)
+    # It is refused, and harms none of the others.
+    assert f"Loading ICD '{library}'" in shown.stderr
+    assert shown.stdout == alone.stdout
+
+
+def test_each_device_of_this_machine_passes_its_trial_and_what_is_missing_fails_with_the_reason():
     listing = run_probe("list", timeout_s=TIMEOUT_S)
     assert listing.failure == ""
-    assert listing.answer["devices"]
     for device in listing.answer["devices"]:
-        result = run_probe("try", str(device["number"]), timeout_s=TIMEOUT_S)
-        assert result.failure == ""
-
-
-def test_a_missing_library_and_a_missing_device_fail_with_the_reason():
+        assert run_probe("try", str(device["number"]), timeout_s=TIMEOUT_S).failure == ""
     assert "libgone.so.7" in run_probe("load", "libgone.so.7", timeout_s=TIMEOUT_S).failure
     assert "no device 99" in run_probe("try", "99", timeout_s=TIMEOUT_S).failure
     assert run_probe("load", "libc.so.6", timeout_s=TIMEOUT_S).failure == ""
 
 
-def break_pyopencl(folder, monkeypatch, code):
-    """Have every new process run some code on pyopencl when it starts, as a broken driver would act."""
-    (folder / "sitecustomize.py").write_text("import os, time\nimport pyopencl as cl\n" + code)
-    monkeypatch.setenv("PYTHONPATH", str(folder))
+@pytest.fixture
+def break_pyopencl(tmp_path, monkeypatch):
+    """A function from code that every new process runs on pyopencl when it starts, as a broken driver would act."""
+
+    def run(code):
+        (tmp_path / "sitecustomize.py").write_text("import os, time\nimport pyopencl as cl\n" + code)
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+
+    return run
 
 
 # A true fault: LLVM, once loaded, swallows a signal that is merely sent.
 CRASH = "import ctypes\ndef crash(*_): ctypes.string_at(0)\n"
 
 
-def test_a_driver_that_crashes_while_compiling_is_reported_and_the_doctor_lives(tmp_path, monkeypatch):
-    break_pyopencl(tmp_path, monkeypatch, CRASH + "cl.Program.build = crash\n")
+def test_a_driver_that_crashes_is_reported_and_the_doctor_lives(break_pyopencl):
+    break_pyopencl(CRASH + "cl.Program.build = crash\n")
     _, trials = diagnose(TIMEOUT_S)
-    assert trials
-    for trial in trials:
-        assert trial.error == "was killed by SIGSEGV"
-
-
-def test_a_driver_that_crashes_while_it_is_listed_is_reported(tmp_path, monkeypatch):
-    break_pyopencl(tmp_path, monkeypatch, CRASH + "cl.get_platforms = crash\n")
+    assert {trial.error for trial in trials} == {"was killed by SIGSEGV"}
+    break_pyopencl(CRASH + "cl.get_platforms = crash\n")
     findings, trials = diagnose(TIMEOUT_S)
     assert trials == []
     (finding,) = [finding for finding in findings if "was killed by SIGSEGV" in finding.message]
     assert any("OCL_ICD_VENDORS=" in line for line in finding.advice)
 
 
-def test_a_driver_that_crashes_when_it_is_closed_is_not_called_good(tmp_path, monkeypatch):
-    break_pyopencl(tmp_path, monkeypatch, CRASH + "import atexit; atexit.register(crash)\n")
-    result = run_probe("try", "0", timeout_s=TIMEOUT_S)
-    assert result.failure == "answered, but then was killed by SIGSEGV"
-
-
-def test_a_driver_that_hangs_is_given_up(tmp_path, monkeypatch):
-    break_pyopencl(tmp_path, monkeypatch, "cl.get_platforms = lambda: time.sleep(600)\n")
-    result = run_probe("list", timeout_s=1.5)
-    assert result.failure == "did not answer within 1.5 s"
-
-
-def test_a_driver_that_runs_without_computing_fails_its_trial(tmp_path, monkeypatch):
-    idle = """
+# The numbers are all wrong: not even the first one, zero, may be right because the memory happened to hold it.
+IDLE = """
 build = cl.Program.__init__
 def init(self, context, text): build(self, context, text.replace('x[i] =', 'float lost ='))
 cl.Program.__init__ = init
 """
-    break_pyopencl(tmp_path, monkeypatch, idle)
-    # All of them: not even the first one, zero, may be right because the memory happened to hold it.
-    assert run_probe("try", "0", timeout_s=TIMEOUT_S).failure == "computed 1025 of 1025 numbers wrong"
+NOISY = "platforms = cl.get_platforms\ncl.get_platforms = lambda: os.write(1, b'hello\\n') and platforms()\n"
 
 
-def test_what_a_driver_prints_does_not_reach_the_answer(tmp_path, monkeypatch):
-    noisy = "platforms = cl.get_platforms\ncl.get_platforms = lambda: os.write(1, b'hello\\n') and platforms()\n"
-    break_pyopencl(tmp_path, monkeypatch, noisy)
-    result = run_probe("list", timeout_s=TIMEOUT_S)
-    assert result.failure == ""
-    assert "hello" in result.log
+def test_a_driver_that_fails_at_its_end_hangs_computes_nothing_or_prints(break_pyopencl):
+    for code, words, timeout_s, failure in [
+        (
+            CRASH + "import atexit; atexit.register(crash)\n",
+            ("try", "0"),
+            60,
+            "answered, but then was killed by SIGSEGV",
+        ),
+        ("cl.get_platforms = lambda: time.sleep(600)\n", ("list",), 1.5, "did not answer within 1.5 s"),
+        (IDLE, ("try", "0"), 60, "computed 1025 of 1025 numbers wrong"),
+        (NOISY, ("list",), 60, ""),
+    ]:
+        break_pyopencl(code)
+        assert run_probe(*words, timeout_s=timeout_s).failure == failure
+
+
+def make_record(*pointers):
+    """A record of 2 KiB such as PoCL has, with pointers at odd places, and elsewhere numbers that are no addresses."""
+    fields = [7, 2**64 - 1, 0, 4096] * 64
+    for place, pointer in enumerate(pointers):
+        fields[80 + 3 * place] = ctypes.addressof(pointer)
+    return ctypes.create_string_buffer(struct.pack("<256Q", *fields), 2048)
+
+
+def name_cpu(record, version="OpenCL 3.0 PoCL HSTR: pthread-x86_64-unknown-linux-gnu-generic", driver="3.0-rc2"):
+    handle = SimpleNamespace(int_ptr=ctypes.addressof(record) if record else 8)
+    name_unknown_cpu(SimpleNamespace(version=version, driver_version=driver, cl_device=handle))
+
+
+def test_a_processor_that_pocl_does_not_know_gets_a_name_and_all_others_are_left_alone():
+    word, other = (ctypes.create_string_buffer(b"generic", 16) for _ in range(2))
+    record = make_record(word)
+    for version, driver in [
+        ("OpenCL 3.0 PoCL HSTR: pthread-x86_64-unknown-linux-gnu-znver3", "3.0-rc2"),
+        ("OpenCL 3.0 PoCL HSTR: cpu-x86_64-pc-linux-gnu-generic", "6.0"),
+        ("OpenCL 3.0 CUDA", "550.54"),
+        ("", "3.0"),
+    ]:
+        name_cpu(record, version, driver)
+        assert word.value == b"generic"
+    # Two pointers to such words, none, and no memory at all.
+    for unclear in (make_record(word, other), make_record(), None):
+        name_cpu(unclear)
+    assert word.value == other.value == b"generic"
+    before = record.raw
+    name_cpu(record)
+    assert word.value in (b"skx", b"haswell", b"x86-64")
+    assert word.raw[8:] == bytes(8)
+    assert record.raw == before
+
+
+def test_the_name_promises_no_more_than_the_processor_has():
+    avx2 = "avx2 bmi1 bmi2 f16c fma abm movbe rdrand"
+    avx512 = "avx512f avx512bw avx512cd avx512dq avx512vl adx rdseed xsavec xsaves"
+    for flags, name in {
+        f"{avx2} {avx512} sse2": b"skx",
+        f"{avx2} {avx512}".replace("avx512vl", ""): b"haswell",
+        avx512: b"x86-64",
+        avx2: b"haswell",
+        avx2.replace("fma", ""): b"x86-64",
+    }.items():
+        padded = choose_name(set(flags.split()))
+        assert len(padded) == 7
+        assert padded.rstrip(b"\0") == name, flags

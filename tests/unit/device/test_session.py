@@ -1,17 +1,22 @@
-"""An opened device: what goes up comes down, what cannot be done is said in one sentence, times add up."""
+"""An opened device: what goes up comes down, programs are built once, and what cannot be done is one sentence."""
 
+import re
+import threading
 import time
 import weakref
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pyopencl as cl
 import pytest
 
-from clbvh.device.context import EventTimes
-from clbvh.device.program import build_kernel, find_arguments
+from clbvh.device.context import DeviceContext, EventTimes, Kernel
+from clbvh.device.program import build_kernel, expand_source, find_arguments
 from clbvh.device.session import DeviceSession
-from clbvh.errors import DeviceError, InternalError
-from clbvh.structs import HIT
+from clbvh.errors import DeviceError, InternalError, KernelBuildError
+from clbvh.structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUTS, c_declarations
+from clbvh.support.folders import find_folder
 
 
 @pytest.fixture
@@ -22,14 +27,27 @@ def fresh(session):
 
 
 @pytest.fixture
-def double(fresh, tmp_path):
+def write(tmp_path):
+    """A function that writes a source below the folder `sources`, which it returns."""
+
+    def run(name, *lines):
+        path = tmp_path / "sources" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("\n".join(lines) + "\n")
+        return tmp_path / "sources"
+
+    return run
+
+
+@pytest.fixture
+def double(fresh, write):
     """A kernel that doubles integers, and says how many work-items ran."""
-    (tmp_path / "kernels").mkdir()
-    (tmp_path / "kernels" / "double_it.cl").write_text(
-        "kernel void double_it(global int *x, global int *ran, const int count) {\n"
-        "    const int i = get_global_id(0); atomic_inc(ran); if (i < count) x[i] *= 2; }\n"
+    folder = write(
+        "kernels/double_it.cl",
+        "kernel void double_it(global int *x, global int *ran, const int count) {",
+        "    const int i = get_global_id(0); atomic_inc(ran); if (i < count) x[i] *= 2; }",
     )
-    return build_kernel(fresh, "double_it", folder=tmp_path)
+    return build_kernel(fresh, "double_it", folder=folder)
 
 
 def bind(kernel, *arguments):
@@ -37,91 +55,75 @@ def bind(kernel, *arguments):
     return dict(zip(kernel.argument_names, arguments, strict=True))
 
 
-@pytest.mark.parametrize(
-    "array",
-    [
-        np.arange(1000, dtype=np.int32),
-        np.arange(7, dtype=np.uint8),
-        np.linspace(0, 1, 24, dtype=np.float32).reshape(2, 3, 4),
-        np.arange(64, dtype=np.float32)[::2],
-        np.ones(5, HIT),
-        np.empty(0, np.float32),
-        np.empty((0, 3), HIT),
-    ],
-    ids=["ints", "bytes", "3d", "strided", "structs", "empty", "empty-structs"],
-)
-def test_what_goes_up_comes_down(fresh, array):
-    buffer = fresh.upload(array)
-    back = np.zeros(array.shape, array.dtype)
-    fresh.download(buffer, back)
-    np.testing.assert_array_equal(back, array)
-    assert buffer.size >= array.nbytes
-
-
-def test_nothing_is_sent_for_an_empty_array(fresh):
+def test_what_goes_up_comes_down_and_of_an_empty_array_nothing(fresh):
     # Drivers disagree on copies of no bytes; some refuse them.
-    empty = np.empty((0, 3), np.float32)
-    fresh.download(fresh.upload(empty), empty)
+    for array in (np.empty(0, np.float32), np.empty((0, 3), HIT)):
+        fresh.download(fresh.upload(array), array)
     assert fresh.times.sums_ms() == {}
+    cube = np.linspace(0, 1, 24, dtype=np.float32).reshape(2, 3, 4)
+    for array in (np.arange(7, dtype=np.uint8), cube, np.arange(64, dtype=np.float32)[::2], np.ones(5, HIT)):
+        back = np.zeros(array.shape, array.dtype)
+        fresh.download(fresh.upload(array), back)
+        np.testing.assert_array_equal(back, array)
 
 
 def test_write_and_download_touch_the_beginning(fresh):
-    buffer = fresh.upload(np.arange(10, dtype=np.int32))
+    buffer, first = fresh.upload(np.arange(10, dtype=np.int32)), np.zeros(4, np.int32)
     fresh.write(buffer, np.array([-1, -2], np.int32))
-    first = np.zeros(4, np.int32)
     fresh.download(buffer, first)
     assert first.tolist() == [-1, -2, 2, 3]
 
 
-@pytest.mark.parametrize(
-    ("size", "group", "ran"), [(1, 1, 1), (1, 64, 64), (64, 64, 64), (65, 64, 128), (1000, 8, 1000)]
-)
-def test_work_sizes_are_rounded_up_to_groups(fresh, double, size, group, ran):
-    numbers, counter = fresh.upload(np.arange(size, dtype=np.int32)), fresh.upload(np.zeros(1, np.int32))
-    fresh.run(double, (size,), (group,), **bind(double, numbers, counter, np.int32(size)))
-    doubled, counted = np.zeros(size, np.int32), np.zeros(1, np.int32)
-    fresh.download(numbers, doubled)
-    fresh.download(counter, counted)
-    assert doubled.tolist() == (2 * np.arange(size)).tolist()
-    assert counted.tolist() == [ran]
+def test_a_buffer_that_the_host_keeps_seeing(fresh):
+    expected = np.arange(1000, dtype=np.int32)
+    numbers = fresh.upload(expected)
+    for change in (0, 1):
+        fresh.write(numbers, expected + change)
+        seen = fresh.hold_mapped(numbers, expected.nbytes)
+        assert seen.view(np.int32).tolist() == (expected + change).tolist()
+        fresh.end_mapping(seen)
+        fresh.end_mapping(seen)
 
 
-@pytest.mark.parametrize("size", [2**50, 2**62])
-def test_more_than_the_device_has_is_refused_in_one_sentence(fresh, size):
-    with pytest.raises(DeviceError) as caught:
-        fresh.allocate(size)
-    message = str(caught.value)
-    assert message.startswith(f"the device '{fresh.info.name}' cannot hold a buffer of {size / 1e6:,.1f} MB (")
-    assert message.endswith("try a smaller job or another --device, and see `clbvh doctor`")
-    assert "\n" not in message
-    # And the session goes on.
+def test_work_sizes_are_rounded_up_to_groups(fresh, double):
+    for size, group, ran in [(1, 1, 1), (1, 64, 64), (64, 64, 64), (65, 64, 128), (1000, 8, 1000)]:
+        doubled, counted = np.arange(size, dtype=np.int32), np.zeros(1, np.int32)
+        numbers, counter = fresh.upload(doubled), fresh.upload(counted)
+        fresh.run(double, (size,), (group,), **bind(double, numbers, counter, np.int32(size)))
+        fresh.download(numbers, doubled)
+        fresh.download(counter, counted)
+        assert doubled.tolist() == (2 * np.arange(size)).tolist()
+        assert counted.tolist() == [ran]
+
+
+def test_what_cannot_be_done_is_said_in_one_sentence(session, fresh, double):
+    buffer, large = fresh.allocate(400), np.zeros(1_000_000, np.int32)
+    arguments = bind(double, buffer, fresh.allocate(4), np.int32(1))
+    for call, words in [
+        (lambda: fresh.allocate(2**62), f"the device '{re.escape(fresh.info.name)}' cannot hold a buffer of 4,.* MB"),
+        (lambda: fresh.allocate(2**50), r"try a smaller job or another --device, and see `clbvh doctor`$"),
+        (lambda: fresh.write(buffer, large), r"cannot take 4\.0 MB"),
+        (lambda: fresh.download(buffer, large), r"cannot give back 4\.0 MB"),
+        (lambda: fresh.run(double, (64,), (2**30,), **arguments), "cannot run the kernel 'double_it'"),
+        (lambda: DeviceSession("no such board"), "no such board"),
+    ]:
+        with pytest.raises(DeviceError, match=words) as caught:
+            call()
+        assert "\n" not in str(caught.value)
     assert fresh.upload(np.ones(3, np.float32)).size >= 12
+    with pytest.raises(InternalError, match="the kernel 'double_it' takes x, ran, count: missing or unknown are"):
+        double.bind(x=1, ran=2, row_length=4)
 
 
-def test_a_transfer_that_does_not_fit_its_buffer_is_refused(fresh):
-    buffer = fresh.allocate(400)
-    with pytest.raises(DeviceError, match=r"cannot take 4\.0 MB"):
-        fresh.write(buffer, np.zeros(1_000_000, np.int32))
-    with pytest.raises(DeviceError, match=r"cannot give back 4\.0 MB"):
-        fresh.download(buffer, np.zeros(1_000_000, np.int32))
-
-
-def test_a_launch_that_fails_names_the_kernel(fresh, double):
-    with pytest.raises(DeviceError, match="cannot run the kernel 'double_it'"):
-        fresh.run(double, (64,), (2**30,), **bind(double, fresh.allocate(4), fresh.allocate(4), np.int32(1)))
-
-
-def test_errors_of_other_kinds_pass(fresh, double):
-    with pytest.raises(ValueError, match="zip"):
-        fresh.run(double, (64, 64), (8,))
-
-
-def test_arguments_are_bound_by_name(fresh, double):
-    assert double.argument_names == ("x", "ran", "count")
-    assert double.bind(count=3, x=1, ran=2) == [1, 2, 3]
-    for wrong in ({"x": 1, "ran": 2}, {"x": 1, "ran": 2, "count": 3, "row_length": 4}):
-        with pytest.raises(InternalError, match="the kernel 'double_it' takes x, ran, count: missing or unknown are"):
-            double.bind(**wrong)
+def test_an_error_names_the_kernel_that_is_not_finished_yet(fresh, double):
+    numbers, counter = fresh.upload(np.zeros(64, np.int32)), fresh.upload(np.zeros(1, np.int32))
+    too_much = np.zeros(1000, np.int32)
+    fresh.run(double, (64,), (64,), **bind(double, numbers, counter, np.int32(64)))
+    with pytest.raises(DeviceError, match=r"cannot finish the kernel 'double_it' and give back 0\.0 MB"):
+        fresh.download(counter, too_much)
+    fresh.download(counter, too_much[:1])
+    with pytest.raises(DeviceError, match=r"cannot give back 0\.0 MB"):
+        fresh.download(counter, too_much)
 
 
 def test_numbers_are_passed_by_the_type_of_the_source():
@@ -136,131 +138,229 @@ def test_numbers_are_passed_by_the_type_of_the_source():
     }
 
 
-def test_a_buffer_that_the_host_keeps_seeing(fresh):
-    expected = np.arange(1000, dtype=np.int32)
-    numbers = fresh.upload(expected)
-    seen = fresh.hold_mapped(numbers, expected.nbytes)
-    assert seen.view(np.int32).tolist() == expected.tolist()
-    fresh.end_mapping(seen)
-    fresh.end_mapping(seen)
-    fresh.write(numbers, expected + 1)
-    seen = fresh.hold_mapped(numbers, expected.nbytes)
-    assert seen.view(np.int32).tolist() == (expected + 1).tolist()
-
-
-def test_closing_twice_is_allowed_and_releases_everything(session):
-    opened = DeviceSession(session.info)
-    buffers = [opened.upload(np.zeros(10, np.float32)) for _ in range(3)]
-    assert not opened.is_closed
-    opened.release(buffers.pop())
-    opened.close()
-    opened.close()
-    assert opened.is_closed
-    for buffer in buffers:
-        with pytest.raises(Exception, match=r"(?i)released|invalid|not valid"):
-            buffer.release()
-
-
-def test_a_buffer_that_nothing_refers_to_is_gone(fresh):
-    held = fresh.allocate(100)
-    fresh.allocate(100)
-    assert fresh.buffer_count == 1
-    assert held in fresh.list_handles()
-    fresh.release(held)
-    assert fresh.buffer_count == 0
-    assert held not in fresh.list_handles()
-
-
-def test_ctrl_c_before_a_buffer_has_its_place_leaves_none(fresh, monkeypatch):
-    def strike(self, buffer, array):
+def test_a_buffer_is_gone_when_nothing_refers_to_it_or_the_session_is_closed(session, monkeypatch):
+    def strike(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(DeviceSession, "write", strike)
-    for _ in range(3):
+    with DeviceSession(session.info) as opened:
+        held, other = opened.allocate(100), opened.allocate(100)
+        opened.allocate(100)
+        assert opened.buffer_count == 2
+        opened.release(other)
+        # Ctrl-C before a buffer has its place leaves none.
+        monkeypatch.setattr(DeviceSession, "write", strike)
         with pytest.raises(KeyboardInterrupt):
-            fresh.upload(np.zeros(100))
-    assert fresh.buffer_count == 0
-
-
-def test_leaving_the_block_closes(session):
-    with pytest.raises(ZeroDivisionError), DeviceSession(session.info) as opened:
-        raise ZeroDivisionError
+            opened.upload(np.zeros(100))
+        assert opened.buffer_count == 1
+    opened.close()
     assert opened.is_closed
+    with pytest.raises(Exception, match=r"(?i)released|invalid|not valid"):
+        held.release()
 
 
-def test_the_device_can_be_named(session):
-    with DeviceSession(session.info.number) as by_number, DeviceSession(session.info.name) as by_name:
-        assert by_number.info.name == by_name.info.name == session.info.name
-
-
-def test_there_is_no_such_device():
-    with pytest.raises(DeviceError, match="no such board"):
-        DeviceSession("no such board")
-
-
-def test_an_error_names_the_kernel_that_is_not_finished_yet(fresh, double):
-    numbers, counter = fresh.upload(np.zeros(64, np.int32)), fresh.upload(np.zeros(1, np.int32))
-    too_much = np.zeros(1000, np.int32)
-    fresh.run(double, (64,), (64,), **bind(double, numbers, counter, np.int32(64)))
-    with pytest.raises(DeviceError, match=r"cannot finish the kernel 'double_it' and give back 0\.0 MB"):
-        fresh.download(counter, too_much)
-    fresh.download(counter, too_much[:1])
-    with pytest.raises(DeviceError, match=r"cannot give back 0\.0 MB"):
-        fresh.download(counter, too_much)
-
-
-def test_times_are_those_of_the_events(fresh, double):
-    assert fresh.times.sums_ms() == {}
-    numbers, counter = fresh.upload(np.zeros(1 << 20, np.int32)), fresh.upload(np.zeros(1, np.int32))
-    fresh.download(counter, np.zeros(1, np.int32))
-    assert set(fresh.times.sums_ms()) == {"upload", "download"}
-
-    begin = time.perf_counter()
-    for _ in range(20):
-        fresh.run(double, (1 << 20,), (64,), **bind(double, numbers, counter, np.int32(1 << 20)))
-    sums = fresh.times.sums_ms()
-    wall_ms = 1e3 * (time.perf_counter() - begin)
-    assert 0 < sums["kernel"] <= wall_ms
-    assert fresh.times.sums_ms() == sums
-
-
-class FakeEvent:
+class Event:
     """A command that ran from `start` to `end`, in nanoseconds."""
 
     def __init__(self, start, end):
         self.profile = SimpleNamespace(start=start, end=end)
-        self.waits = 0
 
     def wait(self):
-        self.waits += 1
+        pass
 
 
-def test_times_add_up_by_label():
+def test_times_add_up_by_label_also_in_threads_and_a_command_that_failed_has_none():
+    def fail():
+        raise make_error("OUT_OF_RESOURCES")
+
     times = EventTimes()
-    events = [FakeEvent(1_000_000, 3_500_000), FakeEvent(5_000_000, 5_250_000), FakeEvent(0, 4_000_000)]
-    for label, event in zip(["kernel", "upload", "kernel"], events, strict=True):
+    times.note("kernel", SimpleNamespace(wait=fail))
+    for label, event in [("kernel", Event(1_000_000, 3_500_000)), ("upload", Event(0, 250_000))]:
         times.note(label, event)
-    assert [event.waits for event in events] == [0, 0, 0]
-    assert times.sums_ms() == {"kernel": 6.5, "upload": 0.25}
-    assert [event.waits for event in events] == [1, 1, 1]
-    times.note("upload", FakeEvent(0, 750_000))
-    assert times.sums_ms() == {"kernel": 6.5, "upload": 1.0}
-
-
-def test_the_sums_are_a_copy():
-    times = EventTimes()
-    times.note("kernel", FakeEvent(0, 1_000_000))
     times.sums_ms()["kernel"] = 0
-    assert times.sums_ms() == {"kernel": 1.0}
+    assert times.sums_ms() == {"kernel": 2.5, "upload": 0.25}
+    seen = []
+
+    def note_many():
+        for _ in range(2000):
+            event = Event(0, 1_000_000)
+            seen.append(weakref.ref(event))
+            times.note("upload", event)
+
+    assert run_in_threads(note_many) == []
+    # A long session does not hoard events.
+    assert sum(event() is not None for event in seen) < 500
+    assert times.sums_ms()["upload"] == pytest.approx(2000 * THREADS + 0.25)
 
 
-def test_a_long_session_does_not_hoard_events():
-    times = EventTimes()
-    events = []
-    for _ in range(5000):
-        event = FakeEvent(0, 1_000_000)
-        events.append(weakref.ref(event))
-        times.note("kernel", event)
-        del event
-    assert sum(event() is not None for event in events) < 500
-    assert times.sums_ms() == {"kernel": pytest.approx(5000)}
+THREADS = 6
+
+
+def run_in_threads(work):
+    """Call a function in several threads at once; return what they raised."""
+    errors = []
+
+    def guarded():
+        try:
+            work()
+        except Exception as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=guarded) for _ in range(THREADS)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return errors
+
+
+def test_threads_that_need_a_kernel_at_once_compile_it_once(session):
+    context, compiled = DeviceContext(session.info.cl_device), []
+
+    def compile_slowly():
+        compiled.append(1)
+        time.sleep(0.05)
+        return {}
+
+    assert run_in_threads(lambda: context.kernels("key", compile_slowly)) == []
+    assert len(compiled) == 1
+
+
+def test_arguments_and_launch_are_one_step():
+    """The driver holds the arguments of one launch, whichever thread has set them."""
+    held, launched = [None], []
+
+    def launch(queue, size, group, *arguments):
+        held[0] = arguments
+        time.sleep(0.001)
+        launched.append((queue, held[0]))
+        return Event(0, 0)
+
+    launch.function_name = "launch"
+    kernel = Kernel(launch, ["x"])
+
+    def work():
+        for number in range(20):
+            mine = (threading.get_ident(), number)
+            kernel.enqueue(mine, (1,), (1,), [mine])
+
+    assert run_in_threads(work) == []
+    assert len(launched) == 20 * THREADS
+    assert all(queue == arguments[0] for queue, arguments in launched)
+
+
+def make_error(code):
+    """An error as the driver reports it; None for one that pyopencl finds itself."""
+    if code is None:
+        return cl.LogicError("the wrong number of arguments")
+    return cl.RuntimeError(cl._cl._ErrorRecord(msg="", code=getattr(cl.status_code, code), routine="clEnqueue"))
+
+
+@pytest.mark.parametrize(
+    ("code", "is_lost"),
+    [
+        ("OUT_OF_RESOURCES", True),
+        ("INVALID_COMMAND_QUEUE", True),
+        ("MEM_OBJECT_ALLOCATION_FAILURE", False),
+        (None, False),
+    ],
+)
+def test_a_context_that_the_driver_has_given_up_is_not_shared_any_more(session, code, is_lost):
+    def fail(*arguments):
+        raise make_error(code)
+
+    fail.function_name = "fail"
+    with DeviceSession(session.info) as before:
+        with pytest.raises(DeviceError, match="cannot run the kernel 'fail'"):
+            before.run(Kernel(fail, []), (1,), (1,))
+        with DeviceSession(session.info) as after:
+            assert (after.shared is not before.shared) == is_lost
+            # Buffers belong to a context, and so to all branches of a session.
+            assert before.branch().shared is before.shared
+            back = np.zeros(5)
+            after.download(after.upload(np.arange(5.0)), back)
+            assert back.tolist() == [0, 1, 2, 3, 4]
+
+
+def test_includes_are_expanded_once_each_in_order_and_every_line_knows_its_file_and_number(write):
+    write("a.cl", "", "int a;  // sources/a.cl:2", '#include "b.cl"', "int c;  // sources/a.cl:4")
+    write("b.cl", '#include "a.cl"', "int b;  // sources/b.cl:2")
+    write("hits/crossing.cl", "int mine;  // sources/hits/crossing.cl:1")
+    lines = (
+        '#include "a.cl"',
+        "int k;  // sources/kernels/k.cl:2",
+        '#include "b.cl"',
+        "int l;  // sources/kernels/k.cl:4",
+    )
+    # A folder comes before the shipped one.
+    folder = write("kernels/k.cl", *lines, '#include "hits/crossing.cl"', '#include "boxes/aabb.cl"')
+    text = expand_source("kernels/k.cl", folder)
+    name, number, seen = None, 0, []
+    for line in text.splitlines():
+        if marker := re.fullmatch(r'#line (\d+) "(.+)"', line):
+            number, name = int(marker[1]), marker[2]
+            continue
+        if "// sources" in line:
+            assert line.split("// ")[1] == f"{name}:{number}"
+            seen.append(line.split(";")[0])
+        number += 1
+    assert seen == ["int a", "int b", "int c", "int k", "int l", "int mine"]
+    assert "crossing_t" not in text
+    assert '#line 1 "cl/boxes/aabb.cl"' in text
+    shipped = expand_source("kernels/closest_hit.cl")
+    assert shipped.count(c_declarations()) == 1
+    assert "#include" not in shipped
+
+
+def test_a_missing_file_is_our_bug(write):
+    folder = write("kernels/k.cl", '#include "none.cl"')
+    for name in ("kernels/none.cl", "kernels/k.cl"):
+        with pytest.raises(InternalError, match=r"'(kernels/)?none\.cl' is missing in .*sources and .*cl"):
+            expand_source(name, folder)
+
+
+def test_a_compiler_message_names_our_file_and_line(session, write):
+    write("broken.cl", "// fine", "float half_of(const float x)", "{", "    return x / tow;", "}")
+    folder = write("kernels/k.cl", '#include "broken.cl"', "kernel void k(global float *x) { x[0] = half_of(x[0]); }")
+    for _ in range(2):
+        with pytest.raises(KernelBuildError, match=r"sources/broken\.cl:4:.*tow") as caught:
+            build_kernel(session, "k", {"TWO": 2}, folder=folder)
+    assert caught.value.device == session.info.name
+    assert caught.value.options.startswith("-cl-std=CL1.2 -DTWO=2")
+    assert caught.value.log in str(caught.value)
+
+
+def test_another_text_or_another_macro_is_another_kernel_and_the_same_is_compiled_once(session, write, monkeypatch):
+    # All opened here: a test may have let the device's sessions have a new context since `session` was opened.
+    with DeviceSession(session.info) as one, DeviceSession(session.info) as other, one.branch() as branch:
+
+        def run(text, number):
+            folder = write("kernels/set_number.cl", f"kernel void set_number(global int *x) {{ x[0] = {text}; }}")
+            kernel, into = build_kernel(one, "set_number", {"NUMBER": number}, folder=folder), np.zeros(1, np.int32)
+            buffer = one.upload(into)
+            one.run(kernel, (1,), (1,), x=buffer)
+            one.download(buffer, into)
+            return int(into[0]), folder
+
+        assert [run("NUMBER", 1)[0], run("NUMBER", 2)[0], run("2 * NUMBER", 2)[0]] == [1, 2, 4]
+        monkeypatch.setattr(cl, "Program", None)
+        _, folder = run("2 * NUMBER", 2)
+        kernels = {build_kernel(each, "set_number", {"NUMBER": 2}, folder=folder) for each in (one, other, branch)}
+        assert len(kernels) == 1
+        assert len({id(each.queue) for each in (one, other, branch)}) == 3
+
+
+@pytest.mark.parametrize("layout", ["bvh2", "bvh8"])
+def test_every_shipped_kernel_builds_without_a_warning(session, layout):
+    # What the compiler says would end up on the user's screen.
+    options = ["-cl-std=CL1.2", "-Werror", f"-DLAYOUT={LAYOUTS[layout]}", "-DSTACK_SIZE=4"]
+    for path in sorted((find_folder("cl") / "kernels").glob("*.cl")):
+        program = cl.Program(session.context, expand_source(f"kernels/{path.name}")).build(options)
+        names = {kernel.function_name for kernel in program.all_kernels()}
+        assert (path.stem in names) == (layout in ENTRY_POINT_LAYOUTS or not path.stem.endswith("entry_points"))
+
+
+def test_a_simulator_gets_portable_kernels_and_no_optimizer(session, write, monkeypatch):
+    folder = write("kernels/broken.cl", "kernel void broken(void) { return 1 }")
+    monkeypatch.setattr(session, "info", replace(session.info, platform="Oclgrind"))
+    with pytest.raises(KernelBuildError, match="-DPORTABLE=1 -cl-opt-disable"):
+        build_kernel(session, "broken", folder=folder)
