@@ -60,9 +60,9 @@ def open_closed_mesh(name, *, larger=1):
     else:
         mesh, inside = make_shape("icosphere", triangles=5120 * larger), inside_sphere
     # Every edge belongs to two triangles, once in each sense.
-    edges = np.concatenate([mesh.faces[:, [i, j]] for i, j in ((0, 1), (1, 2), (2, 0))])
-    assert np.array_equal(np.unique(edges, axis=0), np.unique(edges[:, ::-1], axis=0))
-    assert len(np.unique(edges, axis=0)) == len(edges)
+    edges = np.unique(edges_of(mesh.faces), axis=0)
+    assert np.array_equal(edges, np.unique(edges[:, ::-1], axis=0))
+    assert len(edges) == 3 * mesh.face_count
     return centred(mesh), lambda count, generator: as_float32(mesh.to_local(inside(count, generator)))
 
 
@@ -112,38 +112,18 @@ def side_by_side(mesh, inside, count, generator):
 MAKERS = [at_vertices, at_edges, along_axes, nearly_along_axes, anywhere, side_by_side]
 
 
-def border_edges(faces):
-    """Edges (n, 2) that belong to one triangle only, in that triangle's sense."""
-    edges = np.concatenate([faces[:, [i, j]] for i, j in ((0, 1), (1, 2), (2, 0))]).astype(np.int64)
-    base = edges.max() + 1
-    keys, back = edges[:, 0] * base + edges[:, 1], edges[:, 1] * base + edges[:, 0]
-    kept, count = np.unique(np.concatenate((keys, back)), return_counts=True)
-    return edges[np.isin(keys, kept[count == 1])]
+def edges_of(faces):
+    """(3 F, 2): the edges of all triangles, in their sense."""
+    return np.concatenate([faces[:, [i, j]] for i, j in ((0, 1), (1, 2), (2, 0))]).astype(np.int64)
 
 
 def close_holes(mesh):
-    """The mesh with a vertex in the middle of each hole's loop, joined to its border.
+    """The mesh with a vertex in the middle of its holes' borders, joined to all of them.
 
-    The result is closed in the sense of parity: every edge belongs to an even number of triangles. Triangles at edges
-    that more than two share may cross each other; counts do not mind.
+    Lids of different holes may cross each other; counts do not mind.
     """
-    border = border_edges(mesh.faces)
-    if len(border) == 0:
-        return mesh
-    # Loops are the connected parts of the border's graph: the smallest vertex in reach is a loop's name.
-    names = np.arange(len(mesh.vertices))
-    while True:
-        least = np.minimum(names[border[:, 0]], names[border[:, 1]])
-        before = names.copy()
-        np.minimum.at(names, border[:, 0], least)
-        np.minimum.at(names, border[:, 1], least)
-        if np.array_equal(names, before):
-            break
-    loops, loop_of_edge = np.unique(names[border[:, 0]], return_inverse=True)
-    middles = np.stack([mesh.vertices[border[loop_of_edge == loop, 0]].mean(axis=0) for loop in range(len(loops))])
-    lids = np.stack((border[:, 1], border[:, 0], len(mesh.vertices) + loop_of_edge), axis=1)
-    return Mesh.from_arrays(
-        np.concatenate((mesh.vertices, middles + mesh.origin)),
-        np.concatenate((mesh.faces, lids)),
-        name=f"{mesh.name}, closed",
-    )
+    edges, sides = edges_of(mesh.faces), np.array([len(mesh.vertices), 1])
+    border = edges[~np.isin(edges @ sides, edges[:, ::-1] @ sides)]
+    lids = np.column_stack((border[:, ::-1], np.full(len(border), len(mesh.vertices))))
+    middle = mesh.vertices[border[:, 0]].mean(axis=0, keepdims=True)
+    return Mesh.from_arrays(np.concatenate((mesh.vertices, middle)), np.concatenate((mesh.faces, lids)), name="closed")

@@ -75,10 +75,10 @@ def test_layouts_and_the_oracle_agree(opened, scene, mask):
 
 
 @examples(short=15, long=1000)
-@given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(tuple(KINDS)))
-def test_lone_shapes(opened, seed, kind):
+@given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(tuple(KINDS)), mask=st.sampled_from([ALL, 1, 0]))
+def test_lone_shapes(opened, seed, kind, mask):
     scene = make_scene(seed, (kind,), ("none",))
-    check(replace(scene, state=make_state(scene.state.shapes, (0, affine()))), opened, ALL)
+    check(replace(scene, state=make_state(scene.state.shapes, (0, affine()))), opened, mask)
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-30, 1e30])

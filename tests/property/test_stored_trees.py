@@ -13,22 +13,12 @@ from clbvh.bvh import serialize as store
 
 from ..profiles import examples
 from ..soup import make_soup
+from .test_builds import SOUPS
 
 HEADER_BYTES, DIGEST_AT = 84, 52
 
 SHARES = st.floats(0, 1, exclude_max=True)
 WORDS = st.one_of(st.integers(-2, 25), st.sampled_from([-(2**31), 2**31 - 1, 2**30, -(2**30)]))
-
-SOUPS = st.builds(
-    make_soup,
-    count=st.integers(1, 400),
-    seed=st.integers(0, 2**32 - 1),
-    grid=st.sampled_from([0, 1, 30, 1000]),
-    size=st.sampled_from([0, 1, 20, 1000]),
-    copies=st.sampled_from([0.0, 0.5]),
-    degenerate=st.sampled_from([0.0, 0.5, 1.0]),
-    scale=st.sampled_from([1.0, 1e-30, 1e30, -0.1]),
-)
 
 
 @pytest.fixture(scope="module")

@@ -7,19 +7,14 @@ import re
 import subprocess
 import sys
 
-import pytest
-
 import clbvh
 import clbvh.errors
 
 # Words of annotations that are Python's, typing's or numpy's.
 _OTHERS = {"None", "Any", "Self", "Callable", "Mapping", "Sequence", "Iterable", "ArrayLike", "NDArray", "PathLike"}
 _OTHERS |= {"BaseException", "TracebackType", "Literal", "ClassVar", "Path"}
-# Anything with a graph as a `trimesh.Scene` has one, and what hits and a picture show, for the package itself.
-_OTHERS |= {"HasGraph", "Surface", "BuiltScene"}
-# A mesh, spheres or boxes: what a tree is over.
-_OTHERS |= {"Bounded"}
-_OTHERS |= {"Bounded"}  # what a tree is over: spheres and boxes within the package, a mesh for its users
+# Anything with a graph as a `trimesh.Scene` has one, what hits and a picture show, and what a tree is over.
+_OTHERS |= {"HasGraph", "Surface", "BuiltScene", "Bounded"}
 # Parts of a build, public among the modules of clbvh only.
 _PARTS = {"SubtreePool.attach", "SubtreePool.hold"}
 
@@ -28,45 +23,32 @@ def public_callables():
     """Yield the public functions, and the public methods of the public classes."""
     for name in clbvh.__all__:
         thing = getattr(clbvh, name)
-        if inspect.isclass(thing) and issubclass(thing, Warning | Exception):
-            continue
-        if inspect.isclass(thing):
-            yield name, thing.__init__
-            ours = [base for base in thing.__mro__ if base.__module__.startswith("clbvh.")]
-            for attribute, member in {
-                key: value for base in reversed(ours) for key, value in vars(base).items()
-            }.items():
-                function = getattr(member, "__func__", getattr(member, "fget", getattr(member, "func", member)))
-                path = f"{name}.{attribute}"
-                if inspect.isfunction(function) and not attribute.startswith("_") and path not in _PARTS:
-                    yield path, function
-        elif inspect.isfunction(thing):
+        if inspect.isfunction(thing):
             yield name, thing
+        if not inspect.isclass(thing) or issubclass(thing, Warning | Exception):
+            continue
+        yield name, thing.__init__
+        ours = [base for base in thing.__mro__ if base.__module__.startswith("clbvh.")]
+        for attribute, member in {key: value for base in reversed(ours) for key, value in vars(base).items()}.items():
+            function = getattr(member, "__func__", getattr(member, "fget", getattr(member, "func", member)))
+            path = f"{name}.{attribute}"
+            if inspect.isfunction(function) and not attribute.startswith("_") and path not in _PARTS:
+                yield path, function
 
 
-@pytest.mark.parametrize("function", [pytest.param(function, id=name) for name, function in public_callables()])
-def test_a_signature_names_only_what_can_be_imported_from_clbvh(function):
-    annotations = " ".join(map(str, getattr(function, "__annotations__", {}).values()))
-    words = set(re.findall(r"(?<![\w.'\"])_?[A-Z]\w*", annotations))
-    assert words <= _OTHERS | set(clbvh.__all__), words - _OTHERS - set(clbvh.__all__)
-
-
-def test_no_default_is_a_function_which_help_would_show_by_its_address():
+def test_signatures_name_only_what_can_be_imported_from_clbvh_and_help_shows_no_address():
     for name, function in public_callables():
-        parameters = inspect.signature(function).parameters.values()
-        assert not [one for one in parameters if inspect.isfunction(one.default)], name
+        annotations = " ".join(map(str, getattr(function, "__annotations__", {}).values()))
+        words = set(re.findall(r"(?<![\w.'\"])_?[A-Z]\w*", annotations))
+        assert words <= _OTHERS | set(clbvh.__all__), name
+        defaults = [one.default for one in inspect.signature(function).parameters.values()]
+        assert not [default for default in defaults if inspect.isfunction(default)], name
 
 
-def test_every_error_is_public():
-    errors = {name for name, thing in vars(clbvh.errors).items() if inspect.isclass(thing)}
-    assert errors <= set(clbvh.__all__)
-
-
-def test_every_public_name_exists_and_is_listed_once():
-    assert len(set(clbvh.__all__)) == len(clbvh.__all__)
-    for name in clbvh.__all__:
-        assert getattr(clbvh, name) is not None
-    assert dir(clbvh) == sorted(clbvh.__all__)
+def test_every_public_name_exists_and_is_listed_once_and_every_error_is_public():
+    assert dir(clbvh) == sorted(set(clbvh.__all__)) == sorted(clbvh.__all__)
+    assert all(getattr(clbvh, name) is not None for name in clbvh.__all__)
+    assert {name for name, thing in vars(clbvh.errors).items() if inspect.isclass(thing)} <= set(clbvh.__all__)
 
 
 def test_errors_import_nothing_else():

@@ -190,7 +190,9 @@ class Reference:
             slack = 2.0 * blurs
             if isinstance(instance.shape, Mesh):
                 growth, angle = _see_triangles(instance, prims, origins, directions)
-                slack = (slack + _FLOAT64_SLACK * distances / angle) * (1.0 if is_refined else growth)
+                # In its plane, a triangle has any slack.
+                with np.errstate(over="ignore"):
+                    slack = (slack + _FLOAT64_SLACK * distances / angle) * (1.0 if is_refined else growth)
             else:
                 slack = slack * np.linalg.norm(instance.to_world, 2) * instance.local_growth
             ways = points - origins

@@ -86,18 +86,6 @@ def test_only_what_is_seen_counts(open_tracer, world):
         known.check_insides(tracer.contains(points, **options), tracer.signed_distance(points, **options), seen)
 
 
-def test_a_lone_mesh_can_be_hidden(tracer):
-    for options, is_hidden in (
-        ({"mask": 0}, [True, True]), ({"instance": []}, [True, True]), ({"mask": [4, 0]}, [False, True]),
-    ):  # fmt: skip
-        distance, _, prim_id, instance_id, _, contains, signed = ask(tracer, [[2.2, 0, 0], [2, 0, 0]], **options)
-        np.testing.assert_array_equal(np.isinf(distance), is_hidden)
-        np.testing.assert_array_equal(prim_id < 0, is_hidden)
-        np.testing.assert_array_equal(instance_id, np.where(is_hidden, -1, 0))
-        assert not contains[is_hidden].any()
-        np.testing.assert_array_equal(np.isneginf(signed), is_hidden)
-
-
 def test_ties_go_to_the_smallest_instance_and_face(session):
     """Over every vertex and edge of a flat grid, whose faces come in a random order with random first corners."""
     generator, side = np.random.default_rng(92), np.arange(9)
@@ -205,14 +193,6 @@ def test_the_inside_of_a_hollow_is_outside_on_the_device_and_on_the_host(session
         assert tracer.contains(points).tolist() == expected
 
 
-def test_what_is_just_below_a_face_is_inside(tracer, mesh):
-    corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    step = 1e-5 * np.ptp(mesh.vertices, axis=0).max() * normals / np.linalg.norm(normals, axis=1)[:, None]
-    assert tracer.contains(corners.mean(axis=1) - step).all()
-    assert not tracer.contains(corners.mean(axis=1) + step).any()
-
-
 def test_batches_chunks_shapes_and_progress_change_no_answer(open_tracer, source, monkeypatch):
     tracer, points = open_tracer(source), np.random.default_rng(96).uniform(-1, 1, (480, 3)).astype(np.float32)
     masks = np.random.default_rng(97).integers(0, 4, len(points))
@@ -251,32 +231,6 @@ def test_what_is_refused(session, world):
             with pytest.raises(error) as caught:
                 getattr(tracer, query)([[0, 0, 0]] if points is None else points, **options)
             assert words in str(caught.value), (query, options)
-
-
-def test_one_mesh_in_its_own_place_answers_as_the_mesh(session, mesh, tracer):
-    scene = Scene(mesh)
-    points = np.random.default_rng(98).normal(size=(300, 3))
-    with Tracer(scene, device=session.info) as placed:
-        for options in ({}, {"instance": 0}, {"geometry": scene.geometries[0]}, {"mask": 4}):
-            assert_same(ask(placed, points, **options), ask(tracer, points))
-
-
-def test_points_follow_moving_instances(session):
-    scene = place(*((ball, affine(offset=(x, 0, 0))) for ball in [Spheres([[0, 0, 0]], 1)] for x in (0, 5)))
-    with Tracer(scene, device=session.info) as tracer:
-        assert tracer.closest_point([2, 0, 0]).instance_id == 0
-        tracer.set_transforms(list(scene.instances), [affine(offset=(0, 9, 0)), affine((1, 2, 3))])
-        assert tracer.closest_point([2, 0, 0]).instance_id == 1
-        np.testing.assert_allclose(tracer.signed_distance([[0, 0, 3.5], [0, 4, 0], [0, 0, 0]]), [-0.5, -2, 1])
-        assert tracer.contains([[0, 0, 2.5]], instance=0).tolist() == [False]
-
-
-def test_degenerate_triangles_have_no_closest_point(session):
-    flat = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
-    for source in (flat, place(*((flat, affine(offset=(x, 1, 0))) for x in range(3)))):
-        with Tracer(source, device=session.info) as tracer:
-            closest = tracer.closest_point([[0, 0, 0]])
-        assert (closest.distance[0], closest.prim_id[0], closest.instance_id[0]) == (np.inf, -1, -1)
 
 
 @pytest.mark.parametrize("query", QUERIES[1:])

@@ -6,6 +6,7 @@ import gc
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -33,20 +34,19 @@ def bvh(mesh):
     return build(mesh)
 
 
-def answers(tracer, kinds=None):
-    queries = make_queries(tracer.mesh, (1, 300), 0)
-    return [ask(tracer, kind, given) for kind, given in queries if kinds is None or kind in kinds]
+def answers(tracer):
+    return [ask(tracer, *query) for query in make_queries(tracer.mesh, (1, 300), 0)]
 
 
-def answers_of_new(bvh, vertices, layout="auto", kinds=None):
+def answers_of_new(bvh, vertices, layout="auto"):
     with Tracer(bvh.refit(vertices), layout=layout) as tracer:
-        return answers(tracer, kinds)
+        return answers(tracer)
 
 
 class TestAnswers:
     @pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
     def test_they_are_those_of_a_new_tracer_whatever_the_size_and_place(self, bvh, mesh, layout):
-        places = [(1, 0), (1e-149, 0), (1e149, 0), (1e-30, 1e-20), (1, 1e9), (1, 0)]
+        places = [(1, 0), (1e-149, 0), ([1, 1, 0], 0), (1e149, 0), ([1, 0, 0], 0), (1e-30, 1e-20), (0, 0), (1, 1e9)]
         with Tracer(bvh, layout=layout) as tracer:
             for frame, (unit, shift) in enumerate(places):
                 vertices = deform(mesh, frame) * unit + shift
@@ -54,26 +54,15 @@ class TestAnswers:
                 assert (tracer.mesh.vertices == vertices).all()
                 assert answers(tracer) == answers_of_new(bvh, vertices, layout)
 
-    @pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
-    def test_triangles_may_lose_their_area_and_get_it_again(self, bvh, mesh, layout):
-        kinds = ("closest_hit", "count_hits", "all_hits")
-        with Tracer(bvh, layout=layout) as tracer:
-            for factors in (0, [1, 1, 0], [1, 0, 0], 1):
-                vertices = deform(mesh, 3) * factors
-                tracer.update(vertices)
-                assert answers(tracer, kinds) == answers_of_new(bvh, vertices, layout, kinds)
-
     def test_vertices_of_any_kind_for_trees_of_one_leaf_and_of_five_nodes(self):
         for bvh in (make_tree(), make_leaf()):
             with Tracer(bvh) as tracer:
                 for dtype in (np.float32, np.float16, np.int64, ">f8", np.longdouble):
                     vertices = (bvh.mesh.vertices[:, [1, 0, 2]] * 2).astype(dtype)
-                    expected = answers_of_new(bvh, vertices)
-                    strided = np.repeat(vertices, 2, axis=0)[::2]
-                    for given in (vertices, vertices.tolist(), np.asfortranarray(vertices), strided):
+                    for given in (vertices, vertices.tolist(), np.asfortranarray(vertices)):
                         tracer.update(given)
                         assert (tracer.mesh.vertices == vertices).all()
-                        assert answers(tracer) == expected
+                    assert answers(tracer) == answers_of_new(bvh, vertices)
 
 
 class TestResults:
@@ -111,13 +100,13 @@ class TestResults:
             tracer.update(mesh.vertices[:, ::-1] * 2.0**70 + 2.0**70)
             assert tracer.sah_growth == pytest.approx(1.0)
 
-    @pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
-    def test_a_mesh_that_was_opened_without_extent_has_a_growth(self, layout):
-        with Tracer((np.zeros((3, 3)), [[0, 1, 2]]), layout=layout) as tracer:
-            tracer.update(np.eye(3))
-            assert tracer.sah_growth > 0
-            tracer.update(np.zeros((3, 3)))
-            assert tracer.sah_growth == 1.0
+    def test_a_mesh_that_was_opened_without_extent_has_a_growth(self, session):
+        for layout in LAYOUT_WIDTHS:
+            with Tracer((np.zeros((3, 3)), [[0, 1, 2]]), layout=layout) as tracer:
+                tracer.update(np.eye(3))
+                assert tracer.sah_growth > 0
+                tracer.update(np.zeros((3, 3)))
+                assert tracer.sah_growth == 1.0
 
     @pytest.mark.filterwarnings("error")
     def test_a_mesh_that_tears_is_told(self):
@@ -238,15 +227,11 @@ class TestFailures:
             assert tracer.memory_bytes == 2 * tracer._caster.world.memory_bytes
 
     def test_a_device_without_room_for_a_copy(self, bvh, mesh, session, monkeypatch):
+        def refuse(self, size, *, writable=True, **how):
+            raise DeviceMemoryError("full")
+
         with Tracer(bvh, device=session.info) as tracer:
-            expected, allocate = answers(tracer), DeviceSession.allocate
-            buffers = tracer._caster.session.buffer_count
-
-            def refuse(self, size, *, writable=True, **how):
-                if not writable and self.buffer_count > buffers:
-                    raise DeviceMemoryError("full")
-                return allocate(self, size, writable=writable, **how)
-
+            expected, buffers = answers(tracer), tracer._caster.session.buffer_count
             with monkeypatch.context() as patch:
                 patch.setattr(DeviceSession, "allocate", refuse)
                 with pytest.raises(DeviceMemoryError):
@@ -331,27 +316,22 @@ class TestRunningQueries:
 
         monkeypatch.setattr(RefitArrays, "write", write_slowly)
         with Tracer(bvh) as tracer:
-            threads = [threading.Thread(target=tracer.update, args=(deform(mesh, frame),)) for frame in range(4)]
-            for thread in threads:
-                thread.start()
-            for thread in threads:
-                thread.join()
+            with ThreadPoolExecutor(4) as threads:
+                list(threads.map(tracer.update, [deform(mesh, frame) for frame in range(4)]))
             assert max(most) == 1
 
     def test_an_update_does_not_wait_for_queries_of_other_threads(self, bvh, mesh, rays):
         is_inside, is_updated = threading.Event(), threading.Event()
-        with Tracer(bvh) as tracer:
-            expected, found = tracer.closest_prim(*rays), []
 
-            def pause(done, total):
-                is_inside.set()
-                assert is_updated.wait(60)
+        def pause(done, total):
+            is_inside.set()
+            assert is_updated.wait(60)
 
-            thread = threading.Thread(target=lambda: found.append(tracer.closest_prim(*rays, progress=pause)))
-            thread.start()
+        with Tracer(bvh) as tracer, ThreadPoolExecutor(1) as threads:
+            expected = tracer.closest_prim(*rays)
+            found = threads.submit(tracer.closest_prim, *rays, progress=pause)
             assert is_inside.wait(60)
             for frame in range(3):
                 tracer.update(deform(mesh, frame))
             is_updated.set()
-            thread.join()
-            np.testing.assert_array_equal(found[0], expected)
+            np.testing.assert_array_equal(found.result(), expected)
