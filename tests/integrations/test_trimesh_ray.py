@@ -9,15 +9,13 @@ import pytest
 import trimesh
 
 import clbvh
-from clbvh.errors import ConfigError, MeshError
-from clbvh.integrations.trimesh import (
-    ProximityQuery,
-    RayMeshIntersector,
-    install,
-    is_installed,
-    tracers,
-)
+from clbvh.device import program
+from clbvh.errors import ConfigError, DeviceError, MeshError
+from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, install, is_installed, tracers
 from clbvh.trace.points.queries import GENERIC_DIRECTIONS
+from clbvh.trace.tracer import Tracer
+
+from ..concurrency.threads import run_in_threads
 
 # Declared by the embree engine of trimesh 5.
 SIGNATURES = {
@@ -27,22 +25,23 @@ SIGNATURES = {
     "intersects_any": "(ray_origins, ray_directions)",
     "contains_points": "(points)",
 }
+DOWN = [[0.1, 0.2, 5]], [[0, 0, -1]]
+MOVING_RAYS = np.random.default_rng(101).uniform(-1, 1, (2, 400, 3))
+
+
+def with_engines(mesh):
+    mesh.ray, mesh.nearest = RayMeshIntersector(mesh), ProximityQuery(mesh)
+    return mesh
 
 
 @pytest.fixture
 def box(session):
-    mesh = trimesh.creation.box()
-    mesh.ray = RayMeshIntersector(mesh, device=session.info.number)
-    yield mesh
-    mesh.ray.close()
+    return with_engines(trimesh.creation.box())
 
 
-@pytest.fixture(scope="module")
-def torus(_opened_device):
-    mesh = trimesh.creation.torus(1.0, 0.3)
-    mesh.ray = RayMeshIntersector(mesh, device=_opened_device.info.number)
-    yield mesh
-    mesh.ray.close()
+@pytest.fixture
+def torus(session):
+    return with_engines(trimesh.creation.torus(1.0, 0.3))
 
 
 @pytest.fixture(scope="module")
@@ -52,115 +51,82 @@ def rays():
     return origins, (generator.uniform(-1, 1, (5000, 3)) - origins) * generator.uniform(0.01, 100, (5000, 1))
 
 
-class TestContract:
-    @pytest.mark.parametrize("name", SIGNATURES)
-    def test_arguments_and_defaults(self, name):
-        signature = inspect.signature(getattr(RayMeshIntersector, name))
-        bare = [p.replace(annotation=inspect.Parameter.empty) for p in list(signature.parameters.values())[1:]]
-        assert str(inspect.Signature(bare)) == SIGNATURES[name]
+def check_same(obtained, expected):
+    for array, other in zip(obtained, expected, strict=True):
+        np.testing.assert_array_equal(array, other)
 
-    def test_constructor(self):
-        parameters = list(inspect.signature(RayMeshIntersector).parameters.values())
-        assert [(p.name, p.default) for p in parameters[:2]] == [
-            ("geometry", inspect.Parameter.empty),
-            ("scale_to_box", True),
-        ]
-        assert all(p.kind is inspect.Parameter.KEYWORD_ONLY for p in parameters[2:])
+
+class TestContract:
+    def test_arguments_and_defaults_are_those_of_trimesh(self):
+        for name, expected in SIGNATURES.items():
+            parameters = list(inspect.signature(getattr(RayMeshIntersector, name)).parameters.values())[1:]
+            bare = [each.replace(annotation=inspect.Parameter.empty) for each in parameters]
+            assert str(inspect.Signature(bare)) == expected, name
+        first, second, *others = inspect.signature(RayMeshIntersector).parameters.values()
+        assert (first.name, second.name, second.default) == ("geometry", "scale_to_box", True)
+        assert all(each.kind is inspect.Parameter.KEYWORD_ONLY for each in others)
 
     def test_orders_and_dtypes(self, box):
         # Two rays through the box, the middle one beside it: first hits first, each depth in the order of the rays.
-        origins, directions = [[0.1, 0.2, 5], [9, 9, 9], [0.3, 0.1, -5]], [[0, 0, -2], [0, 0, -2], [0, 0, 0.5]]
-        index_tri, index_ray, locations = box.ray.intersects_id(origins, directions, return_locations=True)
+        rays = [[0.1, 0.2, 5], [9, 9, 9], [0.3, 0.1, -5]], [[0, 0, -2], [0, 0, -2], [0, 0, 0.5]]
+        index_tri, index_ray, locations = box.ray.intersects_id(*rays, return_locations=True)
         assert index_ray.tolist() == [0, 2, 0, 2]
-        np.testing.assert_allclose(
-            locations, [[0.1, 0.2, 0.5], [0.3, 0.1, -0.5], [0.1, 0.2, -0.5], [0.3, 0.1, 0.5]], atol=1e-15
-        )
+        expected = [[0.1, 0.2, 0.5], [0.3, 0.1, -0.5], [0.1, 0.2, -0.5], [0.3, 0.1, 0.5]]
+        np.testing.assert_allclose(locations, expected, atol=1e-15)
         np.testing.assert_allclose(box.face_normals[index_tri][:, 2], [1, -1, -1, 1])
-        for array, dtype in ((index_tri, np.int64), (index_ray, np.int64), (locations, np.float64)):
-            assert array.dtype == dtype
-        again = box.ray.intersects_location(origins, directions)
-        for array, expected in zip(again, (locations, index_ray, index_tri), strict=True):
-            np.testing.assert_array_equal(array, expected)
-        assert len(box.ray.intersects_id(origins, directions)) == 2
+        assert [array.dtype for array in (index_tri, index_ray, locations)] == [np.int64, np.int64, np.float64]
+        check_same(box.ray.intersects_location(*rays), (locations, index_ray, index_tri))
+        check_same(box.ray.intersects_id(*rays), (index_tri, index_ray))
+        first, any_hit = box.ray.intersects_first(*rays), box.ray.intersects_any(*rays)
+        assert (first.dtype, first.tolist()) == (np.int32, [index_tri[0], -1, index_tri[1]])
+        assert (any_hit.dtype, any_hit.tolist()) == (bool, [True, False, True])
 
-        first = box.ray.intersects_first(origins, directions)
-        assert first.dtype == np.int32
-        assert first.tolist() == [index_tri[0], -1, index_tri[1]]
-        any_hit = box.ray.intersects_any(origins, directions)
-        assert any_hit.dtype == bool
-        assert any_hit.tolist() == [True, False, True]
-
-    def test_first_hits_only(self, torus, rays):
-        index_tri, index_ray, locations = torus.ray.intersects_id(*rays, multiple_hits=False, return_locations=True)
+    def test_first_hits_every_hit_and_limits_agree(self, torus, rays):
         first = torus.ray.intersects_first(*rays)
-        np.testing.assert_array_equal(index_ray, np.flatnonzero(first >= 0))
-        np.testing.assert_array_equal(index_tri, first[index_ray])
-        without = torus.ray.intersects_id(*rays, multiple_hits=False)
-        np.testing.assert_array_equal(without[0], index_tri)
-        np.testing.assert_array_equal(without[1], index_ray)
-        assert all(array.dtype == np.int64 for array in without)
+        alone = torus.ray.intersects_id(*rays, multiple_hits=False)
+        assert [array.dtype for array in alone] == [np.int64] * 2
+        check_same(alone, (first[first >= 0], np.flatnonzero(first >= 0)))
         np.testing.assert_array_equal(torus.ray.intersects_any(*rays), first >= 0)
-        along = rays[1][index_ray] / np.linalg.norm(rays[1][index_ray], axis=1)[:, None]
-        assert np.abs(np.cross(locations - rays[0][index_ray], along)).max() < 1e-6
-        every = torus.ray.intersects_location(*rays)
-        for array, expected in zip(every, (locations, index_ray, index_tri), strict=True):
-            np.testing.assert_array_equal(array[: len(expected)], expected)
 
-    def test_every_hit_of_every_ray(self, torus, rays):
         locations, index_ray, index_tri = torus.ray.intersects_location(*rays)
-        counts = np.bincount(index_ray, minlength=len(rays[0]))
-        assert counts.max() == 4
+        on = torus.ray.intersects_location(*rays, multiple_hits=False)
+        check_same((locations[: len(on[0])], *(each[: len(on[0])] for each in (index_ray, index_tri))), on)
+        ways = rays[1][index_ray] / np.linalg.norm(rays[1][index_ray], axis=1)[:, None]
+        assert np.abs(np.cross(locations - rays[0][index_ray], ways)).max() < 1e-6
         # A ray from outside goes in as often as out.
-        outside = ~torus.ray.contains_points(rays[0])
-        np.testing.assert_array_equal(counts % 2, ~outside)
-        assert (~outside).sum() > 50
+        counts = np.bincount(index_ray, minlength=len(rays[0]))
+        is_inside = torus.ray.contains_points(rays[0])
+        np.testing.assert_array_equal(counts % 2, is_inside)
+        assert (counts.max(), is_inside.sum() > 50) == (4, True)
         # Each depth in the order of the rays, and depths after one another along each ray.
         depth = np.cumsum(np.concatenate(([0], np.diff(index_ray) <= 0)))
         assert depth.max() == 3
-        t = ((locations - rays[0][index_ray]) * rays[1][index_ray]).sum(axis=1)
+        t = ((locations - rays[0][index_ray]) * ways).sum(axis=1)
         order = np.lexsort((depth, index_ray))
         assert (np.diff(t[order])[np.diff(index_ray[order]) == 0] > 0).all()
-        assert len(np.unique(np.stack((index_ray, index_tri)), axis=1).T) == len(index_ray)
-
-    @pytest.mark.parametrize("most", [1, 2, 3])
-    def test_max_hits(self, torus, rays, most):
-        every = torus.ray.intersects_id(*rays)
-        counts = np.bincount(every[1], minlength=len(rays[0]))
-        limited = torus.ray.intersects_id(*rays, max_hits=most)
-        assert len(limited[0]) == np.minimum(counts, most).sum()
-        for array, expected in zip(limited, every, strict=True):
-            np.testing.assert_array_equal(array, expected[: len(array)])
+        for most in (1, 2, 3):
+            check_same(
+                torus.ray.intersects_id(*rays, max_hits=most), (index_tri[depth < most], index_ray[depth < most])
+            )
 
     def test_no_hits_at_all(self, box):
-        nothing = np.empty((0, 3))
-        for origins, directions in ((nothing, nothing), ([[9, 9, 9]], [[1, 0, 0]])):
+        nothing, dtypes, shapes = np.empty((0, 3)), [int, int, float], [(0,), (0,), (0, 3)]
+        for rays in ((nothing, nothing), ([[9, 9, 9]], [[1, 0, 0]])):
             for more in ({}, {"multiple_hits": False}, {"max_hits": 0}):
-                arrays = box.ray.intersects_id(origins, directions, return_locations=True, **more)
-                assert [(array.shape, array.dtype) for array in arrays] == [((0,), int), ((0,), int), ((0, 3), float)]
-                arrays = box.ray.intersects_id(origins, directions, **more)
-                assert [(array.shape, array.dtype) for array in arrays] == [((0,), int), ((0,), int)]
-            arrays = box.ray.intersects_location(origins, directions)
-            assert [(array.shape, array.dtype) for array in arrays] == [((0, 3), float), ((0,), int), ((0,), int)]
-        assert box.ray.intersects_first(nothing, nothing).shape == (0,)
-        assert box.ray.intersects_any(nothing, nothing).shape == (0,)
+                arrays = box.ray.intersects_id(*rays, return_locations=True, **more)
+                assert [array.shape for array in arrays] == shapes
+                assert [array.dtype for array in arrays] == dtypes
+                assert [array.dtype for array in box.ray.intersects_id(*rays, **more)] == dtypes[:2]
+        for query in (box.ray.intersects_first, box.ray.intersects_any):
+            assert query(nothing, nothing).shape == (0,)
         assert box.ray.contains_points(nothing).shape == (0,)
 
-    def test_inputs_are_left_alone(self, torus, rays):
-        given = [array.copy() for array in rays]
-        for array in given:
-            array.flags.writeable = False
-        for query in ("intersects_location", "intersects_id", "intersects_first", "intersects_any"):
-            getattr(torus.ray, query)(*given)
-        torus.ray.contains_points(given[0])
-        for array, before in zip(given, rays, strict=True):
-            np.testing.assert_array_equal(array, before)
-
-    def test_lists_float32_and_integers(self, box):
-        for dtype in (list, np.float32, np.int64, np.float16):
-            origins, directions = [[0, 0, 5]], [[0, 0, -3]]
-            if dtype is not list:
-                origins, directions = np.array(origins, dtype), np.array(directions, dtype)
+    def test_rays_of_any_dtype_are_left_alone(self, box):
+        for dtype in (float, np.float32, np.int64, np.float16):
+            origins, directions = np.array([[0, 0, 5]], dtype), np.array([[0, 0, -3]], dtype)
+            origins.flags.writeable = directions.flags.writeable = False
             assert len(box.ray.intersects_location(origins, directions)[0]) == 2
+            assert not box.ray.contains_points(origins)[0]
 
     def test_rays_that_are_none_hit_nothing(self, box):
         origins = np.array([[0, 0, 5], [np.nan, 0, 5], [0, 0, 5], [0, np.inf, 0], [0, 0, 5]], float)
@@ -169,193 +135,270 @@ class TestContract:
         assert box.ray.intersects_any(origins, directions).tolist() == expected
         assert (box.ray.intersects_first(origins, directions) >= 0).tolist() == expected
         assert box.ray.intersects_id(origins, directions)[1].tolist() == [0, 0]
-        assert box.ray.intersects_location(origins, directions, multiple_hits=False)[1].tolist() == [0]
         assert np.isnan(origins[1, 0])
 
-    def test_wrong_shapes(self, box):
-        for query in (box.ray.intersects_id, box.ray.intersects_first, box.ray.intersects_any):
-            with pytest.raises(ValueError, match="Ray origin and direction don't match!"):
-                query([[0, 0, 0]], [[0, 0, 1]] * 2)
-            with pytest.raises(ValueError, match="shape"):
-                query([0, 0, 5], [0, 0, -1])
-        with pytest.raises(ValueError, match=r"points must be \(n,3\)"):
-            box.ray.contains_points([0, 0, 0])
+    def test_what_is_refused(self, box):
+        ray, empty = box.ray, trimesh.Trimesh()
+        rows = [
+            (lambda: ray.intersects_id([[0, 0, 0]], [[0, 0, 1]] * 2), ValueError, "Ray origin and direction don't"),
+            (lambda: ray.intersects_first([0, 0, 5], [0, 0, -1]), ValueError, "shape"),
+            (lambda: ray.contains_points([0, 0, 0]), ValueError, r"points must be \(n,3\)"),
+            (lambda: RayMeshIntersector(empty).intersects_any(*DOWN), MeshError, "faces|vertices"),
+            (lambda: RayMeshIntersector(empty).contains_points([[0, 0, 0]]), MeshError, "without faces contains no"),
+            (lambda: RayMeshIntersector(box, layout="bvh3"), ConfigError, "layout"),
+            (lambda: RayMeshIntersector(box, layout=[]), ConfigError, "layout"),
+            (lambda: ProximityQuery(box, device=0.0), ConfigError, "device must be"),
+            (lambda: install(device={}), ConfigError, r"device must be a clbvh\.DeviceInfo, a number, a name or None"),
+        ]
+        for call, error, words in rows:
+            with pytest.raises(error, match=words):
+                call()
+        assert not is_installed()
+        for wrong in (None, 7, [], (1, 2, 3), np.zeros((3, 3))):
+            with pytest.raises(MeshError):
+                RayMeshIntersector(wrong)
 
 
-class TestOutlines:
-    def test_rays_along_the_outline_of_a_box_hit(self, box):
-        sides = np.array([[x, y, 5] for x in (-0.5, 0, 0.5) for y in (-0.5, 0, 0.5)])
-        down = np.tile([0.0, 0.0, -1.0], (9, 1))
-        assert box.ray.intersects_any(sides, down).all()
-        counts = np.bincount(box.ray.intersects_id(sides, down)[1], minlength=9)
-        np.testing.assert_array_equal(counts, 2)
-
-    def test_from_the_middle_through_every_vertex_there_is_one_hit(self, torus):
-        mesh = trimesh.creation.box(extents=[40, 40, 40]).subdivide_to_size(20)
-        mesh.ray = RayMeshIntersector(mesh)
-        outer = trimesh.creation.box(extents=[60, 60, 60]).subdivide_to_size(20)
-        _, index_ray = mesh.ray.intersects_id(np.zeros_like(outer.vertices), outer.vertices)
-        np.testing.assert_array_equal(index_ray, np.arange(len(outer.vertices)))
-
-    @pytest.mark.parametrize("scale", [1e-6, 1e-4, 1.0, 1e4, 1e8])
-    def test_from_on_the_surface_through_the_box_there_are_two_hits(self, session, scale):
-        mesh = trimesh.creation.box().subdivide().subdivide()
-        mesh.apply_scale(scale)
-        mesh.ray = RayMeshIntersector(mesh)
-        index_tri, _ = mesh.ray.intersects_id([[0, 0, scale / 2]], [[0, 0, -1]])
-        assert len(index_tri) == 2
+def test_every_surface_is_hit_once_on_edges_and_vertices_and_at_any_scale(box):
+    sides = np.array([[x, y, 5] for x in (-0.5, 0, 0.5) for y in (-0.5, 0, 0.5)])
+    down = np.tile([0.0, 0.0, -1.0], (9, 1))
+    assert box.ray.intersects_any(sides, down).all()
+    assert np.bincount(box.ray.intersects_id(sides, down)[1]).tolist() == [2] * 9
+    # From the middle through each vertex.
+    fine = RayMeshIntersector(trimesh.creation.box(extents=[40, 40, 40]).subdivide_to_size(20))
+    targets = trimesh.creation.box(extents=[60, 60, 60]).subdivide_to_size(20).vertices
+    assert fine.intersects_id(np.zeros_like(targets), targets)[1].tolist() == list(range(len(targets)))
+    # From on the surface through the whole box.
+    for scale in (1e-6, 1.0, 1e8):
+        scaled = RayMeshIntersector(trimesh.creation.box().subdivide().subdivide().apply_scale(scale))
+        assert len(scaled.intersects_id([[0, 0, scale / 2]], [[0, 0, -1]])[0]) == 2, scale
 
 
 class TestContains:
     def test_a_torus(self, torus):
         points = np.random.default_rng(81).uniform(-1.4, 1.4, (20_000, 3)) * [1, 1, 0.3]
-        ring = np.hypot(points[:, 0], points[:, 1]) - 1
-        radius = np.hypot(ring, points[:, 2])
+        radius = np.hypot(np.hypot(points[:, 0], points[:, 1]) - 1, points[:, 2])
         sure = (radius < 0.28) | (radius > 0.31)  # the facets' share
         contains = torus.ray.contains_points(points)
         assert contains.dtype == bool
         np.testing.assert_array_equal(contains[sure], (radius < 0.3)[sure])
         np.testing.assert_array_equal(torus.contains(points), contains)
 
-    def test_a_hollow_is_outside(self, session):
-        outer, inner = trimesh.creation.box(), trimesh.creation.box(extents=[0.2] * 3)
+    def test_a_hollow_is_outside(self, box):
+        inner = trimesh.creation.box(extents=[0.2] * 3)
         inner.invert()
-        mesh = trimesh.util.concatenate([outer, inner])
-        mesh.ray = RayMeshIntersector(mesh)
-        assert mesh.ray.contains_points([[0, 0, 0], [0.3, 0.2, 0.1], [2, 0, 0]]).tolist() == [False, True, False]
+        hollow = RayMeshIntersector(trimesh.util.concatenate([box, inner]))
+        assert hollow.contains_points([[0, 0, 0], [0.3, 0.2, 0.1], [2, 0, 0]]).tolist() == [False, True, False]
 
-    def test_where_there_and_back_disagree_another_direction_decides(self, session):
+    def test_where_there_and_back_disagree_another_direction_decides(self, box):
         point = 3 * GENERIC_DIRECTIONS[0]
         across = np.linalg.svd(point[None])[2][1:]
         stray = trimesh.Trimesh(point + 0.5 * np.array([across[0], across[1], -across[0] - across[1]]), [[0, 1, 2]])
-        mesh = trimesh.util.concatenate([trimesh.creation.box(), stray])
-        mesh.ray = RayMeshIntersector(mesh)
-        assert mesh.ray.intersects_id([[0, 0, 0]], [point])[1].tolist() == [0, 0]
-        assert mesh.ray.contains_points([[0, 0, 0]])[0]
+        engine = RayMeshIntersector(trimesh.util.concatenate([box, stray]))
+        assert engine.intersects_id([[0, 0, 0]], [point])[1].tolist() == [0, 0]
+        assert engine.contains_points([[0, 0, 0]])[0]
 
     def test_through_a_hole_points_get_outside(self, session):
         mesh = trimesh.creation.icosphere()
         mesh.update_faces(np.arange(len(mesh.faces)) % 50 != 0)
-        mesh.ray = RayMeshIntersector(mesh)
         points = np.random.default_rng(82).uniform(-1, 1, (4000, 3))
         radius = np.linalg.norm(points, axis=1)
-        contains = mesh.ray.contains_points(points)
+        contains = RayMeshIntersector(mesh).contains_points(points)
         assert 0.9 < contains[radius < 0.9].mean() < 1
         assert not contains[radius > 1].any()
 
 
-class TestTheRestOfTrimesh:
-    """Functions of trimesh that cast rays use the engine."""
+@pytest.fixture
+def work(monkeypatch):
+    """What was built, opened and compiled."""
+    done = []
 
-    def test_longest_rays(self, torus):
-        length = trimesh.proximity.longest_ray(torus, [[1.0, 0, 0]], [[0, 0, 1.0]])
-        assert length[0] == pytest.approx(0.3, rel=1e-2)
+    def note(module, name):
+        function = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *a, **k: done.append(name) or function(*a, **k))
+
+    note(tracers, "build")
+    note(tracers, "Tracer")
+    note(program, "_compile")
+    return done
+
+
+def wobble(mesh, frame):
+    """Move all vertices by about a tenth of the mesh's size."""
+    vertices = np.array(mesh.vertices)
+    mesh.vertices = vertices + 0.1 * np.sin(3 * vertices[:, ::-1] + frame)
+
+
+def ask(mesh):
+    """Answers of every kind of query."""
+    return (
+        mesh.ray.intersects_first(*MOVING_RAYS),
+        *mesh.ray.intersects_location(*MOVING_RAYS),
+        mesh.ray.contains_points(MOVING_RAYS[0]),
+        *mesh.nearest.on_surface(MOVING_RAYS[0]),
+        *mesh.nearest.vertex(MOVING_RAYS[0]),
+    )
+
+
+def ask_new(mesh):
+    """The same of a new mesh with new engines."""
+    return ask(with_engines(trimesh.Trimesh(np.array(mesh.vertices), np.array(mesh.faces), process=False)))
 
 
 class TestChanges:
-    def test_a_mesh_that_moves_is_refitted(self, box, monkeypatch):
-        ray = [[0.1, 0.2, 5]], [[0, 0, -1]]
-        assert box.ray.intersects_location(*ray)[0][0, 2] == pytest.approx(0.5)
-        monkeypatch.setattr(tracers, "build", None)
-        for lift in (1.0, -0.25):
-            box.apply_translation([0, 0, lift])
-            assert box.ray.intersects_location(*ray)[0][0, 2] == pytest.approx(box.bounds[1, 2])
-        box.vertices[:, 2] *= 3.0
-        assert box.ray.intersects_location(*ray)[0][0, 2] == pytest.approx(box.bounds[1, 2])
+    def test_a_mesh_that_moves_is_updated_in_place(self, torus, work):
+        ask(torus)
+        assert work.count("Tracer") == work.count("build") == 1
+        for frame in range(5):
+            wobble(torus, frame)
+            work.clear()
+            answers = ask(torus)
+            assert work == []
+            check_same(answers, ask_new(torus))
 
-    def test_other_faces_are_built_again(self, box):
-        rays = np.array([[0.1, 0.2, 5.0]]), np.array([[0, 0, -1.0]])
-        assert len(box.ray.intersects_id(*rays)[0]) == 2
+    def test_a_device_without_room_opens_another_tracer(self, torus, work, monkeypatch):
+        def refuse(self, vertices):
+            raise DeviceError("no room")
+
+        ask(torus)
+        wobble(torus, 0)
+        work.clear()
+        monkeypatch.setattr(Tracer, "update", refuse)
+        answers = ask(torus)
+        assert work == ["Tracer"]
+        check_same(answers, ask_new(torus))
+
+    def test_after_a_close_an_engine_opens_again(self, torus):
+        for frame in range(2):
+            before = ask(torus)
+            torus.ray.close()
+            check_same(ask(torus), before)
+            torus.ray._tracer.open_tracer.close()
+            wobble(torus, frame)
+            check_same(ask(torus), ask_new(torus))
+
+    def test_other_faces_and_other_numbers_of_them_are_seen(self, box):
+        first = box.ray.intersects_first(*DOWN)[0]
+        order = np.roll(np.arange(12), 1)
+        box.faces = box.faces[order]
+        assert order[box.ray.intersects_first(*DOWN)[0]] == first
+        assert len(box.ray.intersects_id(*DOWN)[0]) == 2
         box.update_faces(box.face_normals[:, 2] < 0.5)
-        assert len(box.ray.intersects_id(*rays)[0]) == 1
-        box.faces = box.faces[:, ::-1]
-        assert len(box.ray.intersects_id(*rays)[0]) == 1
+        assert len(box.ray.intersects_id(*DOWN)[0]) == 1
 
-    def test_a_mesh_without_faces_is_an_error(self, session):
-        with pytest.raises(MeshError):
-            RayMeshIntersector(trimesh.Trimesh()).intersects_any([[0, 0, 5]], [[0, 0, -1]])
+    def test_a_mesh_that_goes_back(self, torus):
+        """The content that was known last does not stand for the one that the tracer has."""
+        before, vertices = ask(torus), np.array(torus.vertices)
+        for frame in range(3):
+            wobble(torus, frame)
+            torus.ray.intersects_first(*MOVING_RAYS)
+            torus.vertices = vertices
+            check_same(ask(torus), before)
 
-    def test_after_close_it_opens_again(self, box):
+    @pytest.mark.parametrize("is_open", [True, False])
+    def test_a_worn_tree_is_built_again(self, torus, work, is_open):
+        ask(torus)
+        torus.vertices = np.random.default_rng(102).permutation(np.array(torus.vertices))
+        if not is_open:
+            assert torus.ray._tracer.give_way()
+        work.clear()
+        check_same(ask(torus), ask_new(torus))
+        assert work[:2] == ["build", "Tracer"]
+        work.clear()
+        torus.apply_translation([0.1, 0, 0])
+        ask(torus)
+        assert work == []
+
+    def test_wear_counts_from_the_build(self, torus, work):
+        """A tracer that is opened over a refitted tree begins with its growth, not with 1."""
+        x, y, z = np.array(torus.vertices).T
+        torus.ray.intersects_first(*DOWN)
+        for angle in np.arange(1.0, 12.0, 0.5):  # turned about the x-axis, the farther along it the more
+            if angle % 1 == 0:
+                torus.ray._tracer.give_way()
+            cos, sin = np.cos(angle * x), np.sin(angle * x)
+            torus.vertices = np.stack((x, cos * y - sin * z, sin * y + cos * z), axis=1)
+            torus.ray.intersects_first(*DOWN)
+        assert work.count("build") > 1
+
+    def test_vertices_that_no_tree_can_have_are_refused_until_they_are_mended(self, torus):
+        before, vertices = ask(torus), np.array(torus.vertices)
+        torus.vertices = np.where(np.arange(len(vertices))[:, None] == 7, np.nan, vertices)
         for _ in range(2):
-            assert box.ray.intersects_any([[0, 0, 5]], [[0, 0, -1]])[0]
-            box.ray.close()
+            with pytest.raises(MeshError, match="vertex 7"):
+                torus.ray.intersects_first(*DOWN)
+        torus.vertices = vertices
+        check_same(ask(torus), before)
+
+    @pytest.mark.parametrize("is_done", [True, False])
+    def test_ctrl_c_in_an_update(self, torus, monkeypatch, is_done):
+        before, vertices, update = ask(torus), np.array(torus.vertices), Tracer.update
+
+        def interrupt(self, moved):
+            if is_done:
+                update(self, moved)
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(Tracer, "update", interrupt)
+        wobble(torus, 0)
+        with pytest.raises(KeyboardInterrupt):
+            torus.ray.intersects_first(*DOWN)
+        monkeypatch.undo()
+        torus.vertices = vertices
+        check_same(ask(torus), before)
+
+    def test_threads_ask_about_a_mesh_that_has_moved(self, torus):
+        for frame in range(3):
+            wobble(torus, frame)
+            expected = ask_new(torus)
+            for answer in run_in_threads(*[lambda: ask(torus)] * 4):
+                check_same(answer, expected)
+
+    def test_a_second_copy_counts_as_memory(self, torus, monkeypatch):
+        """The memory bound is checked at the first update, which takes memory, and at no later one."""
+        looked, make_room = [], tracers.make_room
+        monkeypatch.setattr(tracers, "make_room", lambda *newest: looked.append(newest) or make_room(*newest))
+        counts = []
+        for frame in range(4):
+            torus.ray.intersects_first(*DOWN)
+            counts.append(len(looked))
+            wobble(torus, frame)
+        assert counts == [1, 2, 2, 2]
 
 
-class TestOtherMeshes:
-    @pytest.mark.parametrize("form", ["mesh", "arrays", "path", "text"])
-    def test_what_people_have(self, session, tmp_path, form):
-        box = trimesh.creation.box()
-        arrays = np.array(box.vertices), np.array(box.faces)
-        path = tmp_path / "box.ply"
-        box.export(path)
-        thing = {"mesh": clbvh.Mesh.from_arrays(*arrays), "arrays": arrays, "path": path, "text": str(path)}[form]
+def test_meshes_of_other_forms(box, tmp_path):
+    arrays = np.array(box.vertices), np.array(box.faces)
+    box.export(tmp_path / "box.ply")
+    for thing in (clbvh.Mesh.from_arrays(*arrays), arrays, tmp_path / "box.ply", str(tmp_path / "box.ply")):
         engine = RayMeshIntersector(thing)
-        index_tri, index_ray, locations = engine.intersects_id([[0.1, 0.2, 5]], [[0, 0, -2]], return_locations=True)
+        locations, index_ray, index_tri = engine.intersects_location(*DOWN)
         assert index_ray.tolist() == [0, 0]
         np.testing.assert_allclose(locations, [[0.1, 0.2, 0.5], [0.1, 0.2, -0.5]], atol=1e-7)
         np.testing.assert_allclose(engine.mesh.face_normals[index_tri][:, 2], [1, -1])
         assert engine.contains_points([[0, 0, 0], [2, 0, 0]]).tolist() == [True, False]
-        engine.close()
-
-    def test_faces_keep_their_numbers(self, session):
-        vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
-        engine = RayMeshIntersector((vertices, [[0, 1, 2], [0, 0, 1], [4, 5, 6]]))
-        assert engine.intersects_first([[0.2, 0.2, 5], [0.2, 0.2, -5]], [[0, 0, -1], [0, 0, 1]]).tolist() == [2, 0]
-
-    @pytest.mark.parametrize("wrong", [None, 7, [], (1, 2, 3), np.zeros((3, 3))])
-    def test_what_is_no_mesh(self, wrong):
-        with pytest.raises(MeshError):
-            RayMeshIntersector(wrong)
-
-    @pytest.mark.parametrize("make", [RayMeshIntersector, ProximityQuery, lambda mesh, **more: install(**more)])
-    @pytest.mark.parametrize("device", [[0], {}, 0.0, np.zeros(2)])
-    def test_what_is_no_device(self, make, device):
-        with pytest.raises(ConfigError, match=r"device must be a clbvh\.DeviceInfo, a number, a name or None, not "):
-            make(trimesh.creation.box(), device=device)
-        assert not is_installed()
-
-    @pytest.mark.parametrize("layout", ["bvh3", [], None])
-    def test_what_is_no_layout(self, layout):
-        with pytest.raises(ConfigError, match="layout"):
-            RayMeshIntersector(trimesh.creation.box(), layout=layout)
-
-    def test_no_faces_contain_nothing(self):
-        with pytest.raises(MeshError, match="a mesh without faces contains no points"):
-            RayMeshIntersector(trimesh.Trimesh()).contains_points([[0, 0, 0]])
+        assert ProximityQuery(thing).signed_distance([[0, 0, 0.4], [0, 0, 2]]) == pytest.approx([0.1, -1.5])
+    # Faces keep their numbers where some are degenerate and vertices are doubled.
+    vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
+    engine = RayMeshIntersector((vertices, [[0, 1, 2], [0, 0, 1], [4, 5, 6]]))
+    assert engine.intersects_first([[0.2, 0.2, 5], [0.2, 0.2, -5]], [[0, 0, -1], [0, 0, 1]]).tolist() == [2, 0]
 
 
-class TestCopies:
-    def test_pickled(self, box):
-        assert box.ray.intersects_any([[0, 0, 5]], [[0, 0, -1]])[0]
-        loaded = pickle.loads(pickle.dumps(box.ray))
-        assert loaded.intersects_any([[0, 0, 5]], [[0, 0, -1]])[0]
-        assert loaded.mesh is not box
-
-    def test_a_pickled_mesh_keeps_its_engine(self, box):
-        assert box.ray.intersects_any([[0, 0, 5]], [[0, 0, -1]])[0]
-        loaded = pickle.loads(pickle.dumps(box))
-        assert isinstance(loaded.ray, RayMeshIntersector)
-        loaded.apply_translation([10, 0, 0])
-        assert loaded.ray.intersects_any([[10, 0, 5]], [[0, 0, -1]])[0]
-        assert box.ray.intersects_any([[0, 0, 5]], [[0, 0, -1]])[0]
-
-    @pytest.mark.parametrize("duplicate", [copy.copy, copy.deepcopy])
-    def test_copied(self, box, duplicate):
-        assert box.ray.intersects_any([[0, 0, 5]], [[0, 0, -1]])[0]
-        other = duplicate(box.ray)
+def test_copies_and_pickles_have_an_engine_of_their_own(box):
+    box.ray = RayMeshIntersector(box, layout="bvh4")
+    assert box.ray.intersects_any(*DOWN)[0]
+    for other in (copy.copy(box.ray), copy.deepcopy(box.ray)):
         assert other.mesh is box
-        assert other.intersects_any([[0, 0, 5]], [[0, 0, -1]])[0]
-        other.close()
-        assert box.ray.intersects_any([[0, 0, 5]], [[0, 0, -1]])[0]
+        assert other.intersects_any(*DOWN)[0]
+    loaded = pickle.loads(pickle.dumps(box))
+    assert "layout='bvh4'" in repr(loaded.ray)
+    loaded.apply_translation([10, 0, 0])
+    assert not loaded.ray.intersects_any(*DOWN)[0]
+    assert box.ray.intersects_any(*DOWN)[0]
 
 
-class TestRepr:
-    def test_it_names_device_and_layout(self, session, box):
-        assert "layout='auto'" in repr(RayMeshIntersector(trimesh.creation.box()))
-        box.ray.intersects_any([[0, 0, 5]], [[0, 0, -1]])
-        text = repr(box.ray)
-        assert session.info.name in text
-        assert f"layout={session.info.layout!r}" in text
-
-    def test_without_the_device_too(self):
-        assert "no such board" in repr(RayMeshIntersector(trimesh.creation.box(), device="no such board"))
+def test_an_engine_is_named_by_its_device_and_layout(box, session):
+    assert "layout='auto'" in repr(RayMeshIntersector(trimesh.creation.box()))
+    assert "no such board" in repr(RayMeshIntersector(box, device="no such board"))
+    box.ray.intersects_any(*DOWN)
+    assert session.info.name in repr(box.ray)
+    assert f"layout={session.info.layout!r}" in repr(box.ray)

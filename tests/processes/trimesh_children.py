@@ -1,4 +1,4 @@
-"""A process with the engine installed for all meshes, and a child of it: a script, since a test must not fork pytest.
+"""A process with the engine for trimesh installed, and a child of it: a script, since a test must not fork pytest.
 
 Prints what the child found, as JSON.
 """
