@@ -204,17 +204,6 @@ def test_a_closed_pool_has_ended_its_processes_refuses_and_may_be_closed_again()
             use()
 
 
-def test_a_pool_that_is_dropped_ends_its_workers_and_the_next_one_starts():
-    pool = SubtreePool(workers=1)
-    pool.wait_ready()
-    (process,) = processes_of(pool)
-    del pool
-    gc.collect()
-    assert process.exitcode == 0
-    with SubtreePool(workers=1) as another:
-        another.wait_ready()
-
-
 def test_a_step_that_raises_arrives_with_its_traceback_and_closes_the_pool(doomed):
     message = r"(?s)worker \d failed:.*in fail\n.*ValueError: the word is swordfish"
     with pytest.raises(PoolError, match=message) as caught, open_executor(doomed) as executor:
