@@ -9,7 +9,7 @@ from __future__ import annotations
 
 
 class ClbvhError(Exception):
-    """Anything that clbvh raises on purpose.
+    """Base class of all errors that clbvh raises.
 
     Examples
     --------
@@ -177,7 +177,7 @@ class ValidationError(ClbvhError, RuntimeError):
 
 
 class ClbvhWarning(UserWarning):
-    """Anything that clbvh warns of through `warnings`.
+    """Base class of all warnings of clbvh.
 
     Examples
     --------

@@ -27,7 +27,7 @@ _MAX_LIGHT = 1e20
 
 
 class EnvironmentMap:
-    """A panorama of the light around all objects, read when it is first needed; values, compared by what they hold.
+    """A panorama of the light around all objects; an immutable value, read when it is first needed.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ from .view import View
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Images(Mapping[str, NDArray[Any]]):
-    """What each pixel of one view sees: a mapping of channels to arrays of (height, width) or (height, width, k).
+    """Images of one view for programs: a mapping of channels to arrays of (height, width) or (height, width, k).
 
     All but the colours and alpha belong to the centre of each pixel: they are never mixed of several surfaces. They are
     computed in float64 on the file's own vertices, like every hit.

@@ -286,7 +286,7 @@ class Renderer(ContextManager):
         on_phase: Callable[[str], None] | None = None,
         **changes: Any,
     ) -> Images:
-        """Return what each pixel of a view sees, as arrays: depth, normals, ids and more; see `render_images`.
+        """Return images of a view for programs: depth, normals, ids and more; see `render_images`.
 
         Examples
         --------
@@ -418,7 +418,7 @@ class Renderer(ContextManager):
         return {side: self._finder.measure(view, side) for side in views}
 
     def list_notes(self, view: View | None = None, **changes: Any) -> tuple[str, ...]:
-        """Return what the user of a view should know: the guessed `up`, outliers, a cut that cuts nothing.
+        """Return notes on a view: the guessed `up`, outliers, a cut that cuts nothing.
 
         Examples
         --------
@@ -513,7 +513,7 @@ def render_images(
     on_note: Callable[[str], None] | None = None,
     **changes: Any,
 ) -> Images:
-    """Return what each pixel of a view sees, as arrays; `Renderer.images` is faster for several views of one scene.
+    """Return images of a view for programs, as arrays; `Renderer.images` is faster for several views of one scene.
 
     Parameters
     ----------

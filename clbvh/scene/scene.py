@@ -510,7 +510,7 @@ class Scene:
         raise SceneError(f"the scene has no {kind} {shorten(name)}; it has {known or 'none'}")
 
     def snapshot(self) -> SceneState:
-        """Return what the scene holds now. It is immutable, and the same object until something is added.
+        """Return the present state of the scene: immutable, and the same object until something is added.
 
         Examples
         --------

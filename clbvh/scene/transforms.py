@@ -23,7 +23,7 @@ from .handles import Vector, read_vector
 
 @dataclass(frozen=True)
 class Transform:
-    """The placement of the mesh: scaled, then rotated, then translated.
+    """A placement: scale, then rotation, then translation.
 
     Attributes
     ----------

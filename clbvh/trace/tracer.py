@@ -26,7 +26,7 @@ Traceable: TypeAlias = Scene | Bvh | MeshLike
 
 
 class Tracer(RayQueries, PointQueries):
-    """Casts rays at one mesh on one device; a context manager.
+    """Casts rays at one mesh or scene on one device; a context manager.
 
     Any number of threads may use one tracer. A child that was forked cannot: its queries raise `DeviceError`, and
     closing the tracer there changes nothing.

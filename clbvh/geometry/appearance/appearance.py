@@ -70,7 +70,7 @@ def find_flat_normals(corners: NDArray[np.number]) -> NDArray[np.float32]:
 
 @dataclass(frozen=True, eq=False)
 class Appearance:
-    """The looks of a mesh: normals, texture coordinates and colours at corners, and materials of faces.
+    """Normals, texture coordinates and colours at the corners of a mesh's faces, and their materials.
 
     The values belong to the three corners of each face, not to vertices: along a sharp edge or the seam of a texture a
     vertex has several. ``values[mesh.faces]`` makes them of values at vertices.
@@ -144,7 +144,7 @@ class Appearance:
         return self.prim_count is None and not self.materials
 
     def without_normals(self) -> Appearance:
-        """Return the same looks, except for the normals.
+        """Return the same appearance without its normals.
 
         Examples
         --------
@@ -156,7 +156,7 @@ class Appearance:
         return self if self.normals is None else self._replace(normals=None)
 
     def select(self, faces: NDArray[Any]) -> Appearance:
-        """Return the looks of some faces, or of all in another order; the materials stay.
+        """Return the appearance of some faces, or of all in another order; the materials stay.
 
         Parameters
         ----------
@@ -175,7 +175,7 @@ class Appearance:
         return self._replace(**chosen)
 
     def transformed(self, matrix: ArrayLike) -> Appearance:
-        """Return the looks of a mesh whose vertices are moved by a matrix and whose faces are not turned round.
+        """Return the appearance of a mesh whose vertices are moved by a matrix and whose faces are not turned round.
 
         Normals stay on the side of the faces on which they were, also where the matrix mirrors.
 

@@ -25,7 +25,7 @@ _BYTES_PER_CURVED_RAY = 200
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera: a value that never changes, in the coordinates of the scene or the mesh.
+    """A camera: an immutable value, in the coordinates of the scene or the mesh.
 
     Made from an eye, a point to look at and a field of view, or by `from_intrinsics` from a calibrated camera. Its
     picture is a perspective one, unless it has another projection.
@@ -309,7 +309,7 @@ class Camera:
         return self._make_rays(width, height, film_x, film_y)
 
     def sees(self, width: int | None = None, height: int | None = None) -> NDArray[np.bool_]:
-        """Return whether there is anything to see at the centre of each pixel: not outside the circle of a fisheye.
+        """Return whether each pixel has a ray: all but those outside the circle of a fisheye.
 
         Parameters
         ----------
