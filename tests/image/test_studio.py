@@ -1,4 +1,4 @@
-"""The shadings `studio` and `ao`: references that were looked at, and answers by formula."""
+"""The shadings `studio` and `ao`: references that were looked at, and answers by formula; maps of normals."""
 
 from __future__ import annotations
 
@@ -9,204 +9,212 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh import Light, Scene
-from clbvh.geometry.appearance.appearance import Appearance
+from clbvh import Appearance, Light, Material, Mesh, Renderer, Scene
 from clbvh.geometry.appearance.srgb import srgb_to_linear
-from clbvh.rendering import painters as painters_module
+from clbvh.rendering import painters
 
-KNOT = clbvh.make_shape("knot", triangles=4000, seed=1)
-VIEW = clbvh.View(width=96, height=64, up="y")
+from .test_pictures import KNOT, VIEW
 
 DARK = Light(direction=(0, 0, 1), colour=(0, 0, 0), sky=(0, 0, 0), ground=(0, 0, 0))
-CORNERS = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
-FACES = [(0, 1, 2), (0, 2, 3)]
-UVS = np.array([[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]], np.float32)
+CORNERS = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], float)
+FACES = np.array([(0, 1, 2), (0, 2, 3)])
+UVS = (CORNERS[FACES][..., :2] + 1) / 2
 
 
 def make_square(**appearance):
-    """A square that fills the picture of `show`: 20 x 20 pixels, the outermost half pixel included."""
-    return clbvh.Mesh.from_arrays(CORNERS, FACES, appearance=Appearance(**appearance))
+    """A square that fills the picture of `show`, the outermost half pixel included."""
+    return Mesh.from_arrays(CORNERS, FACES, appearance=Appearance(**appearance))
 
 
-def show(mesh, **settings):
+def show(source, side=1, **settings):
+    """The picture of a square from one of its sides, with its film."""
     fov = np.degrees(2 * np.arctan(1 / 4))
-    scene = Scene(mesh)
-    view = clbvh.View(eye=(0, 0, 4), look_at=(0, 0, 0), fov=fov, width=20, height=20, ground=False, smooth=0.0)
-    with clbvh.Renderer(scene, view, **settings) as renderer:
+    view = clbvh.View(eye=(0, 0, 4 * side), look_at=(0, 0, 0), up="y", fov=fov, width=20, height=20, ground=False)
+    with Renderer(source, view, smooth=0.0, **settings) as renderer:
         return renderer.render(keeps_film=True)
 
 
-@pytest.mark.parametrize("shading", ["studio", "ao"])
-def test_each_shading_looks_as_it_did(shading, compare_with_reference):
-    compare_with_reference(f"knot-{shading}", clbvh.render(KNOT, VIEW, shading=shading).rgb)
-
-
-@pytest.mark.parametrize("shading", ["studio", "ao"])
-def test_bands_and_batches_do_not_show(shading, monkeypatch):
-    view = VIEW.changed(shading=shading, samples=7)
-    whole = clbvh.render(KNOT, view).rgb
+def test_studio_looks_as_it_did_whatever_the_bands_and_launches(compare_with_reference, monkeypatch):
+    compare_with_reference("knot-studio", clbvh.render(KNOT, VIEW).rgb)
+    rows = [{"shading": "ao", "samples": 7}, {"samples": 7, "seed": 0}]
+    wholes = [clbvh.render(KNOT, VIEW, **row).rgb for row in rows]
+    # A seed changes the noise alone.
+    other = clbvh.render(KNOT, VIEW, samples=7, seed=1).rgb
+    assert (other != wholes[1]).any()
+    assert abs(other.mean() - wholes[1].mean()) < 0.3
     # Two samples in each launch, and 7 rows in each band.
-    monkeypatch.setattr(painters_module, "_LAUNCH_S", 0.0)
-    monkeypatch.setattr(painters_module, "BAND_PIXELS", VIEW.width * 7)
-    assert np.array_equal(clbvh.render(KNOT, view).rgb, whole)
+    monkeypatch.setattr(painters, "_LAUNCH_S", 0.0)
+    monkeypatch.setattr(painters, "BAND_PIXELS", VIEW.width * 7)
+    for row, whole in zip(rows, wholes, strict=True):
+        assert np.array_equal(clbvh.render(KNOT, VIEW, **row).rgb, whole)
 
 
-def test_a_picture_that_is_stopped_has_the_samples_that_were_taken():
-    with clbvh.Renderer(KNOT, VIEW) as renderer:
-        stopped = renderer.render(samples=8, is_stopped=lambda: True)
-        assert stopped.samples == 2
-        assert np.array_equal(stopped.rgb, renderer.render(samples=2).rgb)
-
-
-def test_bands_have_shares_of_the_time(monkeypatch):
-    monkeypatch.setattr(painters_module, "BAND_PIXELS", VIEW.width * 7)
-    monkeypatch.setattr(painters_module, "_LAUNCH_S", 0.0)
-    now = itertools.count()
-    # Each launch reads the clock twice.
-    monkeypatch.setattr(painters_module, "time", SimpleNamespace(perf_counter=lambda: float(next(now))))
-    with clbvh.Renderer(KNOT, VIEW) as renderer:
-        picture = renderer.render(time_limit_s=8 * VIEW.height)
-    # Of the last band, which has one row.
-    assert picture.samples >= 6
-
-
-def test_the_samples_of_a_picture_in_bands_are_those_of_the_poorest(monkeypatch):
-    monkeypatch.setattr(painters_module, "BAND_PIXELS", VIEW.width * 7)
-    monkeypatch.setattr(painters_module, "_LAUNCH_S", 0.0)
-    launches = []
-
-    def stops_in_the_middle():
-        launches.append(None)
-        return len(launches) in (6, 7)
-
-    with clbvh.Renderer(KNOT, VIEW) as renderer:
-        assert renderer.render(samples=8, is_stopped=stops_in_the_middle).samples == 2
-
-
-def test_a_seed_changes_the_noise_alone():
-    first, second = (clbvh.render(KNOT, VIEW, seed=seed).rgb.astype(float) for seed in (0, 1))
-    assert (first != second).any()
-    assert abs(first.mean() - second.mean()) < 0.3
-
-
-def test_an_open_plane_is_white():
+def test_ambient_occlusion_looks_as_it_did_and_is_white_in_the_open_and_black_in_a_box(compare_with_reference):
+    compare_with_reference("knot-ao", clbvh.render(KNOT, VIEW, shading="ao").rgb)
     assert (show(make_square(), shading="ao").rgb[1:-1, 1:-1] == 255).all()
-
-
-def test_a_closed_box_is_black():
     # The reach of occlusion is a share of the scene's size, which a far triangle makes large.
-    vertices, faces = _box()
+    cube = clbvh.make_shape("cube", triangles=12)
     far = np.array([(40, 40, 40), (41, 40, 40), (40, 41, 40)])
-    mesh = clbvh.Mesh.from_arrays(np.concatenate((vertices, far)), np.concatenate((faces, [(8, 9, 10)])))
-    scene = Scene(mesh)
-    view = clbvh.View(eye=(0, 0, 0), look_at=(0, 0, 1), fov=60, width=16, height=16, shading="ao")
-    assert (clbvh.render(scene, view).rgb == 0).all()
+    mesh = Mesh.from_arrays(
+        np.vstack((cube.vertices, far)), np.vstack((cube.faces, [np.arange(3) + len(cube.vertices)]))
+    )
+    view = {"eye": cube.vertices.mean(axis=0), "fov": 60, "width": 16, "height": 16, "frame": "all"}
+    assert (clbvh.render(mesh, shading="ao", look_at=view["eye"] + [0, 0, 1], **view).rgb == 0).all()
 
 
-def _box():
-    import trimesh
+def test_a_picture_that_is_stopped_has_the_samples_that_were_taken(monkeypatch):
+    with Renderer(KNOT, VIEW) as renderer:
+        stopped = renderer.render(samples=8, is_stopped=lambda: True, keeps_film=True)
+        whole = renderer.render(samples=2, keeps_film=True)
+        assert stopped.samples == 2
+        assert np.array_equal(stopped.rgb, whole.rgb)
+        assert np.array_equal(stopped.film, whole.film)
+    monkeypatch.setattr(painters, "BAND_PIXELS", VIEW.width * 7)
+    monkeypatch.setattr(painters, "_LAUNCH_S", 0.0)
+    launches = itertools.count(1)
+    with Renderer(KNOT, VIEW) as renderer:
+        # Of a picture in bands they are those of the poorest, wherever that is.
+        assert renderer.render(samples=8, is_stopped=lambda: next(launches) in (6, 7)).samples == 2
+        # Bands have shares of the time; each launch reads the clock twice.
+        now = itertools.count()
+        monkeypatch.setattr(painters, "time", SimpleNamespace(perf_counter=lambda: float(next(now))))
+        assert renderer.render(time_limit_s=8 * VIEW.height).samples >= 6
 
-    box = trimesh.creation.box((2, 2, 2))
-    return box.vertices, box.faces
 
-
-@pytest.mark.parametrize("colour", [(10, 128, 250), (0, 255, 64)])
-def test_a_flat_colour_is_stored_as_it_was_given(colour):
+def test_colours_are_stored_as_they_were_given():
     # Light that the surface sends out, and no other.
-    material = clbvh.Material(emission=tuple(srgb_to_linear(np.array(colour) / 255)))
-    picture = show(make_square(materials=(material,)), light=DARK)
-    assert (np.abs(picture.rgb[1:-1, 1:-1].astype(int) - colour) <= 1).all()
-
-
-def test_a_texture_appears_where_uv_says():
-    # Row 0 is the top: red and green above blue and white.
-    pixels = np.full((2, 2, 4), 255, np.uint8)
-    pixels[0, 0, :3], pixels[0, 1, :3], pixels[1, 0, :3] = (255, 0, 0), (0, 255, 0), (0, 0, 255)
-    texture = clbvh.Texture("checker", np.repeat(np.repeat(pixels, 64, axis=0), 64, axis=1))
-    material = clbvh.Material(emission=(1, 1, 1), emission_texture=texture)
+    for colour in ((10, 128, 250), (0, 255, 64)):
+        material = Material(emission=tuple(srgb_to_linear(np.array(colour) / 255)))
+        picture = show(make_square(materials=(material,)), light=DARK)
+        assert (np.abs(picture.rgb[1:-1, 1:-1].astype(int) - colour) <= 1).all()
+    # Row 0 of a texture is the top: red and green above blue and white.
+    colours = np.array([[(255, 0, 0, 255), (0, 255, 0, 255)], [(0, 0, 255, 255), (255, 255, 255, 255)]], np.uint8)
+    texture = clbvh.Texture("checker", colours.repeat(64, axis=0).repeat(64, axis=1))
+    material = Material(emission=(1, 1, 1), emission_texture=texture)
     rgb = show(make_square(uvs=UVS, materials=(material,)), light=DARK).rgb
-    assert (rgb[2:8, 2:8] == (255, 0, 0)).all()
-    assert (rgb[2:8, 12:18] == (0, 255, 0)).all()
-    assert (rgb[12:18, 2:8] == (0, 0, 255)).all()
-    assert (rgb[12:18, 12:18] == (255, 255, 255)).all()
-
-
-def test_vertex_colours_are_blended_in_linear_light():
-    colours = np.zeros((2, 3, 4), np.uint8)
-    colours[..., 3] = 255
-    # White on the right.
-    colours[..., :3] = np.where(UVS[..., :1] > 0, 255, 0)
-    ambient = Light(direction=(0, 0, -1), colour=(0, 0, 0), sky=(0.3, 0.3, 0.3), ground=(0.3, 0.3, 0.3))
-    film = show(make_square(colours=colours), light=ambient).film[10, 1:-1, 0]
-    steps = np.diff(film)
+    for row, column in np.ndindex(2, 2):
+        part = rgb[2 + 10 * row : 8 + 10 * row, 2 + 10 * column : 8 + 10 * column]
+        assert (part == colours[row, column, :3]).all()
+    # Colours of vertices, white on the right, are blended in linear light.
+    colours = np.full((2, 3, 4), 255, np.uint8)
+    colours[..., :3] *= (UVS[..., :1] > 0).astype(np.uint8)
+    ambient = Light(direction=(0, 0, -1), colour=(0, 0, 0), sky=(0.3,) * 3, ground=(0.3,) * 3)
+    steps = np.diff(show(make_square(colours=colours), light=ambient).film[10, 1:-1, 0])
     assert steps.min() > 0
     # The reflection at the edges is a little stronger than in the middle.
     np.testing.assert_allclose(steps, steps.mean(), rtol=0.02)
 
 
-def test_a_transparent_background_leaves_colours_at_edges_as_they_are():
-    material = clbvh.Material(emission=(1, 1, 1))
-    mesh = clbvh.Mesh.from_arrays(CORNERS, FACES, appearance=Appearance(materials=(material,)))
-    scene = Scene(mesh)
-    view = clbvh.View(eye=(0, 0, 6), look_at=(0.013, 0.02, 0), up=(0.2, 1, 0), width=40, height=40, light=DARK)
-    picture = clbvh.render(scene, view, transparent=True, ground=False)
-    is_edge = (picture.alpha > 0) & (picture.alpha < 255)
-    assert is_edge.sum() > 20
+def test_transparent_pictures_have_bright_edges_and_black_shadows():
+    square = make_square(materials=[Material(emission=(1, 1, 1))])
+    view = {"eye": (0, 0, 6), "look_at": (0.013, 0.02, 0), "up": (0.2, 1, 0), "width": 40, "height": 40}
+    picture = clbvh.render(square, transparent=True, ground=False, light=DARK, **view)
+    assert ((picture.alpha > 0) & (picture.alpha < 255)).sum() > 20
     assert set(np.unique(picture.alpha)) <= {round(255 * covered / 16) for covered in range(17)}
     # Black light elsewhere would darken the edge if colours were multiplied by alpha.
     assert (picture.rgb[picture.alpha > 0] == 255).all()
     assert (picture.rgb[picture.alpha == 0] == 0).all()
+    shadow = clbvh.render(KNOT, VIEW, transparent=True)
+    is_shadow = (shadow.hits.prim_id < 0) & (shadow.alpha > 60)
+    assert is_shadow.sum() > 20
+    assert (shadow.rgb[is_shadow].min(axis=-1) == 0).any()
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_shadows_of_light_along_an_axis_are_those_of_light_nearby(axis):
     # Such a light is parallel to sides of the box around the objects, outside which no shadow is looked for.
-    up = np.eye(3)[axis]
-    beside = up + 1e-6
-    ball = clbvh.make_shape("icosphere", triangles=320)
-    scene = Scene(ball)
-    view = clbvh.View(up=tuple(up), eye=tuple(4 * up + 3 * np.roll(up, 1)), look_at=(0, 0, 0), width=48, height=48)
+    up, ball = np.eye(3)[axis], clbvh.make_shape("icosphere", triangles=320)
+    view = {"up": up, "eye": 4 * up + 3 * np.roll(up, 1), "look_at": (0, 0, 0), "width": 48, "height": 48}
     along, near = (
-        clbvh.render(scene, view, transparent=True, light=Light(direction=tuple(to_light))).alpha.astype(int)
-        for to_light in (up, beside)
+        clbvh.render(ball, transparent=True, light_direction=towards, **view).alpha.astype(int)
+        for towards in (up, up + 1e-6)
     )
     is_shadow = (near > 0) & (near < 255)
     assert is_shadow.sum() > 48
     assert np.abs(along - near)[is_shadow].mean() < 1.0
 
 
-def test_a_shadow_on_a_transparent_ground_is_black_with_alpha():
-    picture = clbvh.render(KNOT, VIEW, transparent=True)
-    is_shadow = (picture.hits.prim_id < 0) & (picture.alpha > 60)
-    assert is_shadow.sum() > 20
-    assert picture.alpha[picture.hits.prim_id < 0].max() <= 255
-    assert (picture.rgb[is_shadow].min(axis=-1) == 0).any()
-
-
-@pytest.mark.parametrize("exposure", [0.0, 2.0])
-def test_the_filmic_curve_is_that_of_its_source(exposure):
-    picture = show(make_square(), tone_curve="filmic", exposure=exposure, samples=2)
-    x = 2.0**exposure * picture.film[..., :3].astype(float)
-    mapped = np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0, 1)
-    encoded = np.where(mapped <= 0.0031308, 12.92 * mapped, 1.055 * mapped ** (1 / 2.4) - 0.055)
-    assert np.abs(255 * encoded - picture.rgb).max() < 0.51
-
-
-def test_a_coarse_ball_has_no_facets_in_its_shadow():
-    films = []
-    for triangles in (320, 81920):
-        ball = clbvh.make_shape("icosphere", triangles=triangles)
-        light = Light(direction=(1, 0.2, 0.1), sky=(0, 0, 0), ground=(0, 0, 0))
-        view = clbvh.View(width=64, height=64, ground=False, light=light)
-        with clbvh.Renderer(ball, view, eye=(0, 0, 5), look_at=(0, 0, 0), samples=16) as renderer:
-            films.append(renderer.render(keeps_film=True).film[20:44, 20:44, 0])
-    assert np.abs(films[0] - films[1]).max() < 0.03
+def test_the_filmic_curve_is_that_of_its_source():
+    for exposure in (0.0, 2.0):
+        picture = show(make_square(), tone_curve="filmic", exposure=exposure, samples=2)
+        x = 2.0**exposure * picture.film[..., :3].astype(float)
+        mapped = np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0, 1)
+        encoded = np.where(mapped <= 0.0031308, 12.92 * mapped, 1.055 * mapped ** (1 / 2.4) - 0.055)
+        assert np.abs(255 * encoded - picture.rgb).max() < 0.51
 
 
 def test_a_room_is_lit_from_the_eye():
-    box = clbvh.Mesh.from_arrays(*_box())
-    inside = Scene(box)
-    view = clbvh.View(eye=(0, 0, 0), look_at=(0, 0, -1), width=32, height=24, ground=False)
-    assert clbvh.render(inside, view).rgb.mean() > 150
-    # A light that was asked for stays outside.
-    assert clbvh.render(inside, view, light_direction=(0, 1, 0)).rgb.mean() < 140
+    cube = clbvh.make_shape("cube", triangles=12)
+    eye = cube.vertices.mean(axis=0)
+    with Renderer(cube, eye=eye, look_at=eye - [0, 0, 1], width=32, height=24, ground=False) as renderer:
+        assert renderer.render().rgb.mean() > 150
+        # A light that was asked for stays outside.
+        assert renderer.render(light_direction=(0, 1, 0)).rgb.mean() < 140
+
+
+TEXEL = (190, 90, 220)
+BEND = 2 * np.array(TEXEL) / 255 - 1
+MAP = clbvh.Texture("tilt", np.tile(np.uint8(TEXEL), (2, 2, 1)), is_srgb=False)
+
+# Directed light alone: rays of ambient light around a tilted normal may meet the plane itself.
+LIGHT = Light(direction=(0.3, 0.4, 1), sky=(0, 0, 0), ground=(0, 0, 0))
+
+
+def bent(uvs=None, normal=(0, 0, 1), scale=1.0, texture=None):
+    material = Material("a", roughness=0.4, normal_texture=texture, normal_scale=scale)
+    normals = None if normal is None else np.tile(np.asarray(normal, float), (2, 3, 1))
+    return make_square(normals=normals, uvs=uvs, materials=[material])
+
+
+def film_of(source, side=1, light=LIGHT):
+    light = Light(tuple(side * np.array(light.direction)), light.colour, light.sky, light.ground)
+    return show(source, side, light=light, samples=2).film[1:-1, 1:-1, :3]
+
+
+def place(degrees, mirror):
+    """Texture coordinates whose u grows along a direction, and the directions of u and v."""
+    angle = np.radians(degrees)
+    along_u = np.array([np.cos(angle), np.sin(angle), 0])
+    along_v = mirror * np.cross((0, 0, 1), along_u)
+    return np.stack((CORNERS @ along_u, CORNERS @ along_v), axis=-1)[FACES], along_u, along_v
+
+
+def test_a_constant_map_of_normals_is_a_tilted_normal():
+    for degrees, mirror, side, scale in ((0, 1, 1, 1), (130, 1, -1, 0.5), (130, -1, 1, -1), (20, -1, -1, 0)):
+        uvs, along_u, along_v = place(degrees, mirror)
+        meant = scale * (BEND[0] * along_u + BEND[1] * along_v) + BEND[2] * np.array([0, 0, 1])
+        expected = film_of(bent(normal=meant), side)
+        for normal in ((0, 0, 1), None):  # facets are bent as well
+            found = film_of(bent(uvs, normal, scale, MAP), side)
+            np.testing.assert_allclose(found, expected, rtol=1e-3)
+        # And so are placed meshes, mirrored or not.
+        for size in ((-1, 1, 1), (2, 2, 2)):
+            pair = []
+            for mesh in (bent(uvs, scale=scale, texture=MAP), bent(normal=meant)):
+                scene = Scene()
+                scene.place(scene.add(mesh), clbvh.Transform(size))
+                pair.append(film_of(scene, side))
+            np.testing.assert_allclose(*pair, rtol=1e-3)
+    # A texture without coordinates bends nothing.
+    assert np.array_equal(film_of(bent(texture=MAP)), film_of(bent()))
+
+
+def test_the_light_on_a_map_of_normals_is_that_of_a_tilted_plane_by_formula():
+    # Of the directed light nine tenths arrive in `studio`; a picture of a black surface takes the highlight away.
+    light = Light((0.3, 0.4, 1), colour=(0.5, 0.25, 0.1), sky=(0, 0, 0), ground=(0, 0, 0))
+    uvs, *_ = place(0, 1)
+    films = [
+        film_of(
+            make_square(uvs=uvs, materials=[Material("a", base_colour=(grey,) * 3, normal_texture=MAP)]), light=light
+        )
+        for grey in (0.8, 0.0)
+    ]
+    cosine = BEND @ light.direction / np.linalg.norm(BEND) / np.linalg.norm(light.direction)
+    expected = np.broadcast_to(0.9 * 0.8 * np.array(light.colour) * cosine, films[0].shape)
+    np.testing.assert_allclose(films[0] - films[1], expected, rtol=1e-3)
+    # Ambient light is that on a tilted normal, too, and meets no surface.
+    ambient = Light(direction=(0, 0, 1), colour=(0, 0, 0), sky=(0.1, 0.2, 0.3), ground=(0.3, 0.1, 0.0))
+    found, tilted = (
+        np.median(film_of(mesh, light=ambient), axis=(0, 1)) for mesh in (bent(uvs, texture=MAP), bent(normal=BEND))
+    )
+    np.testing.assert_allclose(found, tilted, rtol=1e-2)
