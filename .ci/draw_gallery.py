@@ -1,7 +1,8 @@
 """Draw the pictures of the pages again, each by the command under it: `make gallery`.
 
-A command stands alone on its line, or behind "Made by", and names the picture's file. The pictures get palettes of 256
-colours, which nobody sees and which make them less than half as large: the repository keeps every version of them.
+A command stands alone on its line, behind "Made by" or in a list, and names the picture's file. The pictures get
+palettes of 256 colours, which nobody sees and which make them less than half as large: the repository keeps every
+version of them.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from PIL import Image
 REPOSITORY = Path(__file__).parents[1]
 PICTURES = "docs/pictures/"
 
-_COMMAND = re.compile(rf"^(?:Made by )?`((?:clbvh|python) [^`]*{PICTURES}[^`]+)`", re.MULTILINE)
+_COMMAND = re.compile(rf"^(?:Made by |- )?`((?:clbvh|python) [^`]*{PICTURES}[^`]+)`", re.MULTILINE)
 _COLOURS = 256
 
 
