@@ -1,9 +1,8 @@
-"""Machine code is never older than any source it was made from, and only compiled functions lack annotations."""
-
-from __future__ import annotations
+"""Machine code is never older than any source it was made from; compiled functions of numbers."""
 
 import ast
 import json
+import math
 import re
 import subprocess
 import sys
@@ -13,12 +12,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 import clbvh
-from clbvh.bvh.bvh import find_depths
 from clbvh.support import compiled as home
-from clbvh.support.compiled import INTERPRETED_ROOMS, digest_sources, find_compiled_cache
+from clbvh.support.compiled import INTERPRETED_ROOMS, digest_sources
+from clbvh.support.loop_functions import exponent_of, power_of_two, times_power_of_two
 
 PACKAGE = Path(clbvh.__file__).parent
 SOURCES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
@@ -72,11 +70,11 @@ def test_functions_that_are_not_compiled_are_annotated():
     assert not bare
 
 
-@pytest.mark.parametrize("room", INTERPRETED_ROOMS)
-def test_rooms_outside_the_digest_compile_nothing(room):
-    for path in (PACKAGE / room).rglob("*.py"):
-        # The study names numba among the versions of a machine.
-        assert re.search(r"(import|from) numba|support\.compiled", path.read_text()) is None
+def test_rooms_outside_the_digest_compile_nothing():
+    for room in INTERPRETED_ROOMS:
+        for path in (PACKAGE / room).rglob("*.py"):
+            # The study names numba among the versions of a machine.
+            assert re.search(r"(import|from) numba|support\.compiled", path.read_text()) is None, path
 
 
 def test_any_change_of_a_source_is_another_digest(tmp_path):
@@ -93,6 +91,14 @@ def test_any_change_of_a_source_is_another_digest(tmp_path):
     assert digest_sources(tmp_path) == digests[-1]
 
 
+def run_alone(folder, code):
+    """What a process prints, as JSON, that has nothing but a folder and the package."""
+    environment = {"PATH": "", "PYTHONPATH": f"{folder}:{PACKAGE.parent}", "HOME": str(folder)}
+    environment |= {"PYTHONDONTWRITEBYTECODE": "1", "CLBVH_CACHE": str(folder / "cache")}
+    process = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True)
+    return json.loads(process.stdout)
+
+
 def test_an_edit_of_an_imported_compiled_file_is_seen(tmp_path):
     """What numba alone gets wrong: the caller's own file is the same."""
     folder = tmp_path / "doubling"
@@ -102,16 +108,7 @@ def test_an_edit_of_an_imported_compiled_file_is_seen(tmp_path):
     answers = []
     for factor in (2, 2, 5):
         (folder / "twice.py").write_text(TWICE.format(factor=factor))
-        command = [sys.executable, "-c", "import doubling.quadruple"]
-        path = f"{tmp_path}:{PACKAGE.parent}"
-        environment = {
-            "PATH": "",
-            "PYTHONPATH": path,
-            "PYTHONDONTWRITEBYTECODE": "1",
-            "CLBVH_CACHE": str(tmp_path / "cache"),
-            "HOME": str(tmp_path),
-        }
-        answers.append(int(subprocess.run(command, env=environment, capture_output=True, check=True).stdout))
+        answers.append(run_alone(tmp_path, "import doubling.quadruple"))
     assert answers == [12, 12, 75]
 
 
@@ -136,20 +133,8 @@ print(json.dumps([len(ours["add_numbers"].stats.cache_misses), versions]))
 
 def test_numbers_in_calls_make_no_versions_and_a_second_process_loads(tmp_path):
     (tmp_path / "counting.py").write_text(COUNTING)
-    environment = {"PATH": "", "PYTHONPATH": f"{tmp_path}:{PACKAGE.parent}", "HOME": str(tmp_path)}
-    answers = []
-    for _ in range(2):
-        command = [sys.executable, "-c", "import counting"]
-        output = subprocess.run(command, env=environment, capture_output=True, check=True).stdout
-        answers.append(json.loads(output))
-    cold, warm = answers
-    assert cold == [1, {"add": 1, "add_numbers": 1}]
-    assert warm == [0, {"add": 0, "add_numbers": 1}]
-
-
-def test_the_folder_is_in_use():
-    assert find_depths(np.array([1, 0, 1]), np.array([0, 1, 1])).tolist() == [0, 1, 1]
-    assert any(find_compiled_cache().rglob("bvh.find_depths-*.nbc"))
+    assert run_alone(tmp_path, "import counting") == [1, {"add": 1, "add_numbers": 1}]
+    assert run_alone(tmp_path, "import counting") == [0, {"add": 0, "add_numbers": 1}]
 
 
 def test_modules_that_are_imported_at_once_leave_numba_as_it_was(monkeypatch):
@@ -169,3 +154,22 @@ def test_modules_that_are_imported_at_once_leave_numba_as_it_was(monkeypatch):
     for thread in threads:
         thread.join()
     assert before == home._settings.CACHE_DIR
+
+
+VALUES = [1.0, 1.5, 2.0, 3.999, 0.1, 1e300, 1e-300, np.finfo(float).max, np.finfo(float).tiny, 1e-310, 5e-324]
+
+
+def test_powers_of_two_are_those_of_the_library():
+    for value in VALUES:
+        assert exponent_of(-value) == exponent_of(value) == math.frexp(value)[1] - 1
+        # Scaled by its own exponent, every number is from 1 to 2.
+        assert 1 <= times_power_of_two(value, -exponent_of(value)) < 2
+    assert exponent_of(0.0) == -1
+    for exponent in (-1022, -1, 0, 1, 52, 1023):
+        assert power_of_two(exponent) == math.ldexp(1.0, exponent)
+    # A product is rounded once, and may be beyond normal powers.
+    for exponent in (-1100, -1074, -1023, -1022, 0, 1023):
+        for value in (1.0, 1.7, -1.25, 0.0):
+            assert times_power_of_two(value, exponent) == math.ldexp(value, exponent)
+    assert times_power_of_two(5e-324, 1074) == 1.0
+    assert times_power_of_two(2.0**-1000, 2000) == 2.0**1000
