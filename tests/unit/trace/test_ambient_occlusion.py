@@ -4,9 +4,11 @@ import re
 
 import numpy as np
 import pytest
+import trimesh
 
 import clbvh
 from clbvh import ConfigError, Mesh, QueryError, Spheres, Tracer, Transform, make_shape
+from clbvh.geometry import as_mesh
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.points import ambient_occlusion as query
 
@@ -14,25 +16,20 @@ from .scene_states import affine, random_linear, turn
 
 UP = [0.0, 0.0, 1.0]
 TURN = turn(0, 0.7) @ turn(1, 2.1) @ turn(2, 4.0)
-CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) - 0.5
-QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-BOX = CORNERS * [1, 0.8, 0.6], [triangle for a, b, c, d in QUADS for triangle in ((a, b, c), (a, c, d))]
-
 # Scrambled points in 1,024 cells: the error of a share is that of the cells on an edge, some tens of them.
 RAYS, ERROR = 1024, 8e-3
 
 
-def square_of(size):
-    """A square in the plane z = 0."""
-    return Mesh.from_arrays(np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * size, [[0, 1, 2], [0, 2, 3]])
-
-
-def disk_at(height, corners=720):
+def disk_at(height, radius=1.0, corners=720):
     """A disk around the z axis."""
     angles = 2 * np.pi * np.arange(corners) / corners
-    rim = np.column_stack((np.cos(angles), np.sin(angles), np.full(corners, height)))
+    rim = np.column_stack((radius * np.cos(angles), radius * np.sin(angles), np.full(corners, height)))
     faces = [[corners, i, (i + 1) % corners] for i in range(corners)]
     return Mesh.from_arrays(np.vstack((rim, [[0, 0, height]])), faces)
+
+
+def make_box():
+    return as_mesh(trimesh.creation.box((1.0, 0.8, 0.6)))
 
 
 def scene_of(*shapes):
@@ -69,12 +66,12 @@ def test_open_shares_are_those_of_the_form_factors(share):
     # Above the horizon, that of a sphere is (radius / distance)^2 cos(angle).
     for angle in np.radians([0, 30, 60]):
         ball = Spheres([[2.5 * np.sin(angle), 0, 2.5 * np.cos(angle)]], 1.0)
-        found = share(scene_of((square_of(50), np.eye(4)), (ball, np.eye(4))), [0, 0, 0], UP, rays=RAYS)
+        found = share(scene_of((disk_at(0.0, 50), np.eye(4)), (ball, np.eye(4))), [0, 0, 0], UP, rays=RAYS)
         assert found == pytest.approx(1 - np.cos(angle) / 2.5**2, abs=ERROR)
     wall = affine(linear=turn(1, np.pi / 2))
-    corner = scene_of((square_of(1e4), affine(offset=(1e4, 0, 0))), (square_of(1e4), wall))
+    corner = scene_of((disk_at(0.0, 1e4), affine(offset=(1e4, 0, 0))), (disk_at(0.0, 1e4), wall))
     np.testing.assert_allclose(share(corner, [[1, 0, 0], [0, 0, 1]], [UP, [1, 0, 0]], rays=RAYS), 0.5, atol=ERROR)
-    assert share(square_of(1e5), [[0, 0, -1]], UP, rays=RAYS) == pytest.approx(0, abs=2e-3)
+    assert share(disk_at(0.0, 1e5), [[0, 0, -1]], UP, rays=RAYS) == pytest.approx(0, abs=2e-3)
     # Within 1.2, the disk hides the cone to the ring at that distance, of which the cosine is 1 / 1.2.
     found = share(disk_at(1.0), np.zeros((4, 3)), UP, rays=RAYS, max_distance=[0.5, 0.99, 1.2, np.inf])
     np.testing.assert_allclose(found, [1, 1, 1 / 1.2**2, 0.5], atol=ERROR)
@@ -83,9 +80,9 @@ def test_open_shares_are_those_of_the_form_factors(share):
 @pytest.mark.parametrize(("unit", "away"), [(1, 0), (1e-30, 0), (1e30, 0), (1, 1e3), (1, 1e9)])
 def test_points_on_convex_bodies_see_all_of_the_sky(share, unit, away):
     """Whatever rounds their coordinates."""
-    ball = make_shape("icosphere", triangles=1280)
-    for vertices, faces in (BOX, (BOX[0] * [1, 1, 1e-3], BOX[1]), (ball.vertices, ball.faces)):
-        mesh = Mesh.from_arrays(unit * (vertices @ TURN.T + away * np.array([1, -2, 0.5])), faces)
+    for shape, flatness in ((make_box(), 1), (make_box(), 1e-3), (make_shape("icosphere", triangles=1280), 1)):
+        vertices = shape.vertices * [1, 1, flatness] @ TURN.T + away * np.array([1, -2, 0.5])
+        mesh = Mesh.from_arrays(unit * vertices, shape.faces)
         points, normals = points_on(mesh, seed=4)
         for dtype in (np.float32, np.float64):
             assert (share(mesh, points.astype(dtype), normals / unit**2, rays=32) == 1).all()
@@ -101,26 +98,25 @@ def test_points_on_instances_see_all_of_the_sky(share, away):
         assert (share(scene_of((ball, transform)), *points_on(world, seed), rays=32) == 1).all()
     normals = generator.normal(size=(300, 3))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    transform = affine(linear=3.0 * TURN, offset=(100, 200, -50))
-    balls, points = scene_of((Spheres([[0, 0, 0], [1e3, 0, 0]], 1.0), transform)), 3 * normals + transform[:3, 3]
-    assert (share(balls, points, normals, rays=32) == 1).all()
-    assert (share(balls, points, -normals, rays=32) == 0).all()
+    balls = scene_of((Spheres([[0, 0, 0], [1e3, 0, 0]], 1.0), affine(3.0 * TURN, (away, 200, -50))))
+    for side, expected in ((1, 1), (-1, 0)):
+        assert (share(balls, 3 * normals + [away, 200, -50], side * normals, rays=32) == expected).all()
 
 
 def test_points_are_lifted_by_the_size_of_what_they_lie_on(share):
-    box = Mesh.from_arrays(*BOX)
+    box = make_box()
     # Not at the edges: there, rounding may lead out through the neighbour.
     points, normals = points_on(box, seed=8, spread=3.0)
     assert (share(box, points, -normals) == 0).all()
     for size in (1e-5, 1e-3):
-        scene = scene_of((square_of(1.0), affine(offset=(0, 0, -1))), (box, affine(linear=[size] * 3)))
+        scene = scene_of((disk_at(0.0, 1.0), affine(offset=(0, 0, -1))), (box, affine(linear=[size] * 3)))
         assert (share(scene, size * points, -normals, rays=32) == 0).all()
     # Beside a small body on large ground: 10^-5 of the ground's size.
-    scene = scene_of((square_of(1.0), np.eye(4)), (box, Transform(scale=0.01)))
+    scene = scene_of((disk_at(0.0, 1.0), np.eye(4)), (box, Transform(scale=0.01)))
     assert share(scene, [0.00505, 0, 0], UP, rays=RAYS) < 0.6
     below = [0.1, 0.2, -1e-3]
-    assert share(square_of(1), below, UP, rays=RAYS) < 0.01
-    assert share(square_of(1), below, UP, rays=RAYS, offset=1.1e-3) == 1
+    assert share(disk_at(0.0, 1), below, UP, rays=RAYS) < 0.01
+    assert share(disk_at(0.0, 1), below, UP, rays=RAYS, offset=1.1e-3) == 1
 
 
 def test_layouts_cuts_and_orders_agree_and_seeds_do_not(session, share, monkeypatch):
@@ -176,15 +172,16 @@ def test_bad_values_are_named(share):
         *((ConfigError, one, UP, {"seed": bad}, "must be an integer from") for bad in (-1, 2**32)),
     ):
         with pytest.raises(error, match=re.escape(message)):
-            share(square_of(1), at, normals, **named)
+            share(disk_at(0.0, 1), at, normals, **named)
 
 
-@pytest.mark.parametrize("in_scene", [False, True])
-def test_a_point_without_a_normal_is_open_with_a_warning(share, in_scene):
+def test_a_point_without_a_normal_is_open_with_a_warning(share):
     """Two loose vertices of an open box, and one whose faces cancel each other."""
-    mesh = Mesh.from_arrays([*BOX[0], [0, 0, 0], [0, 0, 0.1]], [*BOX[1], BOX[1][0][::-1]])
-    source, normals = scene_of((mesh, np.eye(4))) if in_scene else mesh, -mesh.vertex_normals
+    box = make_box()
+    mesh = Mesh.from_arrays([*box.vertices, [0, 0, 0], [0, 0, 0.1]], [*box.faces, box.faces[0][::-1]])
+    normals = -mesh.vertex_normals
     normals[-1] = 0
-    with pytest.warns(clbvh.ClbvhWarning, match="^2 of 10 normals are NaN or zero"):
-        shares = share(source, mesh.vertices, normals)
-    assert (shares == 1).tolist() == [False] * 8 + [True] * 2
+    for source in (mesh, scene_of((mesh, np.eye(4)))):
+        with pytest.warns(clbvh.ClbvhWarning, match="^2 of 10 normals are NaN or zero"):
+            shares = share(source, mesh.vertices, normals)
+        assert (shares == 1).tolist() == [False] * 8 + [True] * 2

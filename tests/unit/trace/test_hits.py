@@ -60,14 +60,15 @@ def test_max_hits_keeps_the_nearest_in_any_number_of_slots(tracer, rays, expecte
 def test_threads_share_the_hits(tracer, mesh, monkeypatch):
     """More hits than one thread is given, and each array as it is in one thread; rows in any layout."""
     rays = hard_rays(mesh, 60000, np.random.default_rng(12))
-    expected = tracer.all_hits(*rays, with_locations=True)
+    expected = tracer.all_hits(*rays)
     assert len(expected) > 40000
     monkeypatch.setattr(module, "LEAST_HITS", 1000)
     monkeypatch.setattr(tracer._caster.threads, "count", 5)
     monkeypatch.setattr(module, "_MOST_RAYS", 777)
-    hits = tracer.all_hits(*map(np.asfortranarray, rays), with_locations=True)
-    for field in (*FIELDS, "offsets", "locations"):
-        assert getattr(hits, field).tobytes() == getattr(expected, field).tobytes(), field
+    for with_locations in (False, True):
+        hits = tracer.all_hits(*map(np.asfortranarray, rays), with_locations=with_locations)
+        for field in (*FIELDS, "offsets", "locations"):
+            assert getattr(hits, field).tobytes() == getattr(expected, field).tobytes(), field
 
 
 @pytest.mark.parametrize(("chunk", "most"), [(2**20, 2**21), (100, 2**21), (1000, 64), (4096, 7), (4096, 1), (1, 1)])

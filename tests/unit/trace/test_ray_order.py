@@ -102,12 +102,8 @@ def test_rays_stay_as_they_are_where_sorting_does_not_pay():
     # Rays that visit few nodes; sorted, a pencil gets entry points as well.
     for steps, rays, is_sorted in ((1.0, scattered, False), (10.0, scattered, True), (2.5, scattered, False),
                                    (1.0, pencil, False), (10.0, pencil, True), (2.5, pencil, True)):  # fmt: skip
-        samples = []
-        order = order_of(
-            *rays, count_steps=lambda sample, steps=steps, samples=samples: samples.append(sample) or steps
-        )
+        order = order_of(*rays, count_steps=lambda sample, steps=steps: steps * (len(sample.directions.items) == 512))
         assert (order is not None) == is_sorted, steps
-        assert np.unique(samples[0].directions.items, axis=0).shape == (512, 3)
 
 
 def test_rays_at_a_small_tree_are_sorted_where_they_hit(session, monkeypatch):

@@ -64,13 +64,10 @@ def ask(mesh, rays, layout, unit, length, device):
             "prim_id": hits.prim_id,
             "weights": np.stack((hits.u, hits.v)),
             "locations": np.ldexp(hits.locations, -unit),
-            "normals": hits.normals,
             "counts": tracer.count_hits(origins, directions),
-            "every prim_id": every.prim_id,
             "every location": np.ldexp(every.locations, -unit),
             "distance": np.ldexp(nearest.distance, -unit),
             "nearest": np.ldexp(nearest.point, -unit),
-            "nearest prim_id": nearest.prim_id,
             "inside": tracer.contains(points),
         }
 

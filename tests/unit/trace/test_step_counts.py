@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clbvh import Mesh, RenderOptions, Spheres, build, make_shape
+from clbvh import Mesh, RenderOptions, build, make_shape
 from clbvh.rendering.built_scene import BuiltScene
 from clbvh.rendering.heat_map import mean_steps, open_counter
 from clbvh.structs import LAYOUT_WIDTHS
@@ -87,14 +87,6 @@ def test_the_tree_of_an_instance_is_that_of_its_shape(count, mesh, layout):
     np.testing.assert_array_equal(steps["node_steps"][entered], 1 + alone["node_steps"][entered])
     for field in FIELDS:
         np.testing.assert_array_equal(steps[field], alone[field], field)
-    # Spheres alone, and as an instance beside one that no ray meets.
-    balls = Spheres(generator.uniform(-1, 1, (300, 3)), generator.uniform(0.05, 0.2, 300))
-    rays = origins, targets - origins
-    alone = count(make_state([balls], (0, affine())), *rays, layout)
-    beside = count(make_state([balls], (0, affine()), (0, affine(offset=1e6))), *rays, layout)
-    assert (alone["prim_id"] >= 0).sum() > 100
-    for field in FIELDS:
-        np.testing.assert_array_equal(alone[field], beside[field], field)
 
 
 def test_what_is_hit_in_a_scene_is_what_a_tracer_hits(count, open_tracer, world, rays):
