@@ -37,8 +37,8 @@ class RandomScene:
     def __repr__(self) -> str:
         return self.call
 
+    # Hypothesis shows the call, not the arrays.
     def _repr_pretty_(self, printer, is_cycle) -> None:
-        """Let hypothesis show the call, not the arrays."""
         printer.text(self.call)
 
     def contents(self) -> clbvh.Scene:
@@ -50,7 +50,7 @@ def _as_mesh(corners: np.ndarray) -> Mesh:
     return Mesh.from_arrays(corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3))
 
 
-def _make_soup(generator: np.random.Generator) -> Mesh:
+def _make_soup(generator) -> Mesh:
     corners = generator.integers(-GRID, GRID, (generator.integers(1, 12), 3, 3), endpoint=True).astype(np.float64)
     copied = generator.random(len(corners)) < 0.2
     corners[copied] = corners[0]
@@ -59,22 +59,22 @@ def _make_soup(generator: np.random.Generator) -> Mesh:
     return _as_mesh(corners)
 
 
-def _make_line(generator: np.random.Generator) -> Mesh:
+def _make_line(generator) -> Mesh:
     """Degenerate triangles only: no ray hits them."""
     return _as_mesh(np.array([[0, 0, 0], [1, 1, 0], [2, 2, 0]]) + generator.integers(-GRID, GRID, (3, 1, 3)))
 
 
-def _make_cube(generator: np.random.Generator) -> Mesh:
+def _make_cube(generator) -> Mesh:
     box = trimesh.creation.box(2 * generator.integers(1, GRID, 3))
     return Mesh.from_arrays(box.vertices + generator.integers(-GRID, GRID, 3), box.faces)
 
 
-def _make_ball(generator: np.random.Generator) -> Mesh:
+def _make_ball(generator) -> Mesh:
     ball = make_shape("icosphere", triangles=80)
     return Mesh.from_arrays(ball.vertices * GRID, ball.faces)
 
 
-def _make_spheres(generator: np.random.Generator) -> Spheres:
+def _make_spheres(generator) -> Spheres:
     """Overlapping, nested, touching and equal ones."""
     count = generator.integers(1, 10)
     centres = generator.integers(-GRID, GRID, (count, 3), endpoint=True)
@@ -84,21 +84,27 @@ def _make_spheres(generator: np.random.Generator) -> Spheres:
     return Spheres(centres, radii)
 
 
-MESH_KINDS = {"soup": _make_soup, "line": _make_line, "cube": _make_cube, "ball": _make_ball}
-KINDS = {**MESH_KINDS, "spheres": _make_spheres, "more spheres": _make_spheres}
+KINDS = {
+    "soup": _make_soup,
+    "line": _make_line,
+    "cube": _make_cube,
+    "ball": _make_ball,
+    "spheres": _make_spheres,
+    "more spheres": _make_spheres,
+}
 
 
-def _right_turn(generator: np.random.Generator) -> np.ndarray:
+def _right_turn(generator):
     """An orthogonal matrix of the grid, half of them mirrors."""
     return np.eye(3)[generator.permutation(3)] * generator.choice([-1, 1], 3)
 
 
-def _any_turn(generator: np.random.Generator) -> np.ndarray:
+def _any_turn(generator):
     one, other, third = (turn(axis, generator.uniform(0, 2 * np.pi)) for axis in range(3))
     return one @ other @ third
 
 
-def _shear(generator: np.random.Generator) -> np.ndarray:
+def _shear(generator):
     return np.eye(3) + np.triu(generator.integers(-2, 2, (3, 3), endpoint=True), 1)
 
 
@@ -110,12 +116,6 @@ LINEAR = {
     "shear": lambda generator: _right_turn(generator) @ _shear(generator),
     "all": lambda generator: _any_turn(generator) @ np.diag(generator.choice([0.25, 0.5, 2, 3], 3)) @ _shear(generator),
 }
-
-
-def _offset(generator: np.random.Generator, is_far: bool) -> np.ndarray:
-    """On the grid, often zero; so that instances overlap, lie within each other, and touch."""
-    near = generator.integers(-3 * GRID, 3 * GRID, 3, endpoint=True) * (generator.random(3) < 0.6)
-    return near + is_far * FAR * generator.integers(-1, 1, 3, endpoint=True)
 
 
 def make_rays(state: SceneState, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -152,52 +152,38 @@ def scale_scene(scene: RandomScene, scale: float) -> RandomScene:
 
 
 def make_scene(seed: int, kinds: tuple[str, ...], linear: tuple[str, ...], *, is_far: bool = False) -> RandomScene:
-    """A scene of the shapes of some kinds, placed by linear maps of some kinds, some of them twice."""
+    """A scene of the shapes of some kinds, placed by linear maps of some kinds, some of them twice.
+
+    Without maps, it is the first shape alone in its own place.
+    """
     generator = np.random.default_rng(seed)
     shapes = [KINDS[kind](generator) for kind in kinds]
     placed = []
     for kind in linear:
-        far = is_far and generator.random() < 0.5
-        matrix = affine(LINEAR[kind](generator), _offset(generator, far))
-        placed.append((int(generator.integers(0, len(shapes))), matrix, int(generator.choice(MASKS))))
+        far = FAR * (is_far and generator.random() < 0.5)
+        matrix = LINEAR[kind](generator)
+        # On the grid, often in the middle; so that instances overlap, lie within each other, and touch.
+        offset = generator.integers(-3 * GRID, 3 * GRID, 3, endpoint=True) * (generator.random(3) < 0.6)
+        offset = offset + far * generator.integers(-1, 1, 3, endpoint=True)
+        row = int(generator.integers(0, len(shapes))), affine(matrix, offset)
+        placed.append((*row, int(generator.choice(MASKS))))
         if generator.random() < 0.25:
             # Again in the same place, with another mask.
-            placed.append((*placed[-1][:2], int(generator.choice(MASKS))))
-    state = make_state(shapes, *placed)
+            placed.append((*row, int(generator.choice(MASKS))))
+    state = make_state(shapes, *placed) if placed else make_state(shapes[:1], (0, affine()))
     call = f"make_scene({seed}, {kinds}, {linear}, is_far={is_far})"
     return RandomScene(call, state, *make_rays(state, generator), generator)
 
 
-def make_world(seed: int, ray_count: int) -> RandomScene:
-    """Any of these scenes, or one of its shapes alone in its own place; with a few of the rays."""
-    generator = np.random.default_rng([41, seed])
-    kinds, linear = (
-        tuple(map(str, generator.choice(list(names), generator.integers(1, most, endpoint=True))))
-        for names, most in ((KINDS, 3), (LINEAR, 6))
-    )
-    scene = make_scene(seed, kinds, linear, is_far=bool(generator.random() < 0.3))
-    if generator.random() < 0.3:
-        state = make_state(scene.state.shapes[:1], (0, affine()))
-        origins, directions = make_rays(state, generator)
-        scene = replace(scene, state=state, origins=origins, directions=directions)
-    else:
-        scene = scale_scene(scene, float(generator.choice(SCALES)))
-    few = slice(0, ray_count)
-    return replace(
-        scene, call=f"make_world({seed}, {ray_count})", origins=scene.origins[few], directions=scene.directions[few]
-    )
-
-
-SCALES = (1.0, 1.0, 2.0**-99, 2.0**99, 1e-30, 1e30)
-
-
 @st.composite
-def random_scenes(draw, kinds=tuple(KINDS), *, may_be_far=True):
-    """Any of these scenes."""
-    scene = make_scene(
-        draw(st.integers(0, 2**32 - 1)),
-        tuple(draw(st.lists(st.sampled_from(kinds), min_size=1, max_size=3))),
-        tuple(draw(st.lists(st.sampled_from(tuple(LINEAR)), min_size=1, max_size=6))),
-        is_far=may_be_far and draw(st.booleans()),
-    )
-    return scale_scene(scene, draw(st.sampled_from(SCALES)))
+def random_scenes(draw, *, is_in_one_unit=False):
+    """Any of these scenes; some are a lone shape, others are in any unit and far from zero."""
+    seed, is_lone = draw(st.integers(0, 2**32 - 1)), draw(st.sampled_from([False, False, True]))
+    shapes = tuple(draw(st.lists(st.sampled_from(tuple(KINDS)), min_size=1, max_size=3)))
+    if is_lone:
+        return make_scene(seed, shapes, ())
+    linear = tuple(draw(st.lists(st.sampled_from(tuple(LINEAR)), min_size=1, max_size=6)))
+    if is_in_one_unit:
+        return make_scene(seed, shapes, linear)
+    scene = make_scene(seed, shapes, linear, is_far=draw(st.booleans()))
+    return scale_scene(scene, draw(st.sampled_from([1.0, 1.0, 2.0**-99, 2.0**99, 1e-30, 1e30])))

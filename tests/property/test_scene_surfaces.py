@@ -77,13 +77,3 @@ def test_hits_of_an_instance_are_those_of_its_shape_placed(shapes, transform, se
     heights = (leaving * in_object.normals).sum(axis=1)
     np.testing.assert_array_equal(heights > 0, hits.is_front)
     np.testing.assert_array_equal(heights < 0, ~hits.is_front)
-
-
-@examples(short=20, long=1000)
-@given(seed=st.integers(0, 2**32 - 1), width=st.integers(1, 4))
-def test_a_linear_function_of_the_place_is_interpolated_exactly(mesh, seed, width):
-    generator = np.random.default_rng(seed)
-    factors, constant = generator.normal(size=(3, width)), generator.normal(size=width)
-    hits = make_hits(mesh, np.eye(4), seed)
-    result = hits.interpolate(mesh.vertices @ factors + constant)
-    np.testing.assert_allclose(result, hits.locations @ factors + constant, atol=1e-13)

@@ -198,15 +198,6 @@ def test_many_instances_are_listed_or_found_from_a_node_that_has_them(session, t
         assert (np.diff(tile["t_near"][:count]) >= 0).all()
 
 
-def test_instances_that_no_ray_of_a_tile_sees_are_left_out(session, tiles):
-    state = make_state([make_shape("icosphere", triangles=80)], (0, affine(turn(0, 1.0)), 2))
-    for mask, is_seen in ((1, False), (2, True)):
-        tiles.clear()
-        hits, found = check(session, state, look((0, 0, -6), (0, 0, 0), 1.0), tiles, mask=mask)
-        assert (hits.is_hit == is_seen).all()
-        assert (found["leaf_count"] == is_seen).all()
-
-
 def test_a_leaf_that_is_the_only_block(session, tiles):
     """The block 0 has the number that stands for no child."""
     mesh = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])

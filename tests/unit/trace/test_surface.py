@@ -5,13 +5,11 @@ import pickle
 
 import numpy as np
 import pytest
-import trimesh
 
-from clbvh import ConfigError, Mesh, SceneError, Spheres, Tracer, make_shape
-from clbvh.structs import PRIM_KINDS
+from clbvh import ConfigError, Mesh, SceneError, Spheres, make_shape
 from clbvh.trace.hits.hits import Hits
 from clbvh.trace.hits.surface import Surface
-from clbvh.trace.world.surface_arrays import make_surface_arrays, move_instances
+from clbvh.trace.world.surface_arrays import make_surface_arrays
 
 from .scene_states import affine, random_linear
 
@@ -129,13 +127,6 @@ class TestNormals:
         with pytest.raises(ConfigError, match="from which side"):
             of_unknown_side.normals(facing=True)
 
-    def test_queries_take_them(self, session):
-        with Tracer(trimesh.creation.box(), device=session.info) as tracer:
-            hits = tracer.closest_hit([[0.1, 0.2, 5]], [[0, 0, -1]])
-            assert not tracer.any_hit(hits.offset_origins(), hits.normals).any()
-            assert tracer.any_hit(hits.normals * 5, -hits.normals).all()
-            assert hits.offset_origins(towards=hits.normals)[0, 2] > 0.5
-
     @pytest.mark.parametrize("shape", [(), (0,), (2, 3)])
     def test_they_have_the_shape_of_the_hits(self, shape):
         hits = Hits(*np.full((3, *shape), 0.25), np.zeros(shape, np.int32), SQUARE, is_front=np.ones(shape, bool))
@@ -186,23 +177,6 @@ class TestPlacedHits:
 
 
 class TestArrays:
-    def test_rows_of_each_geometry(self):
-        arrays = make_surface_arrays([TRIANGLE, BALLS, SQUARE, BALLS], np.array([2, 0]), np.stack([np.eye(4)] * 2))
-        assert arrays.kind.tolist() == [PRIM_KINDS[kind] for kind in ("triangles", "spheres", "triangles", "spheres")]
-        assert arrays.first_vertex.tolist() == [0, 0, 3, 0]
-        assert arrays.first_face.tolist() == [0, 0, 1, 0]
-        assert arrays.first_sphere.tolist() == [0, 0, 0, 2]
-        np.testing.assert_array_equal(arrays.vertices[3:], SQUARE.vertices)
-        np.testing.assert_array_equal(arrays.faces[1:], SQUARE.faces)
-        np.testing.assert_array_equal(arrays.spheres[2:], [[1, 2, 3, 0.5], [5, 2, 3, 1]])
-        np.testing.assert_array_equal(arrays.half_size, [[2, 1, 0], [2.75, 1, 1], [0.5, 0.5, 0], [2.75, 1, 1]])
-
-    def test_one_mesh_is_not_copied_and_moved_instances_share_it(self):
-        arrays = make_surface_arrays([BALLS, SQUARE], np.array([1]), np.eye(4)[None])
-        moved = move_instances(arrays, 2 * np.eye(4)[None])
-        assert moved.vertices is arrays.vertices is SQUARE.vertices
-        assert moved.faces is arrays.faces is SQUARE.faces
-        assert (moved.linear[0, 0, 0], arrays.linear[0, 0, 0]) == (2, 1)
 
     def test_products_of_matrices_and_their_inverses_are_the_identity(self):
         """To a few roundings of the products that are added up, whatever the shear, mirror and unit."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gc
-import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -12,14 +10,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from clbvh import Mesh, MeshError, OpenMeshWarning, QueryError, Tracer, build, sah_cost
+from clbvh import MeshError, OpenMeshWarning, QueryError, Tracer, build, sah_cost
 from clbvh.device import program
 from clbvh.device.session import DeviceSession
 from clbvh.errors import DeviceMemoryError
 from clbvh.layouts.refit_arrays import RefitArrays
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.rays import pieces
-from clbvh.trace.world import changes, trees
 
 from ...concurrency.queries import ask, make_queries
 from ...deform import deform
@@ -137,14 +134,6 @@ class TestResources:
             assert tracer.memory_bytes == 2 * once
         assert tracer._caster.session.buffer_count == 0
 
-    def test_old_meshes_are_forgotten(self, bvh, mesh):
-        with Tracer(bvh) as tracer:
-            for frame in range(4):
-                tracer.update(deform(mesh, frame))
-            gc.collect()
-            moved = [found for found in gc.get_objects() if isinstance(found, Mesh) and found.faces is mesh.faces]
-            assert len([found for found in moved if found is not mesh]) == 1
-
     def test_copies_that_only_queries_need_go_back(self, bvh, mesh):
         with Tracer(bvh) as tracer:
             once, casters = tracer.memory_bytes, []
@@ -240,50 +229,6 @@ class TestFailures:
             assert answers(tracer) == expected
             tracer.update(deform(mesh, 1))
             assert answers(tracer) == answers_of_new(bvh, deform(mesh, 1))
-
-    def test_ctrl_c_at_any_line_leaves_no_buffers_behind(self, bvh, mesh):
-        is_struck, line = True, 0
-        while is_struck:
-            with Tracer(bvh) as tracer:
-                session, moved = tracer._caster.session, tracer.mesh
-                buffers = session.buffer_count
-                is_struck = strikes_at(line, lambda tracer=tracer: tracer.update(deform(mesh, 1)))
-                # It is as before the update, or as after it.
-                assert tracer.mesh is moved or (tracer.mesh.vertices == deform(mesh, 1)).all()
-                tracer.update(deform(mesh, 2))
-                tracer.update(deform(mesh, 3))
-                assert session.buffer_count == 2 * buffers
-                assert tracer.memory_bytes == 2 * tracer._caster.world.memory_bytes
-                if line % 20 == 0:
-                    assert answers(tracer) == answers_of_new(bvh, deform(mesh, 3))
-            line += 1
-        assert line > 20
-
-
-def strikes_at(line, work):
-    """Do some work with Ctrl-C before one of the lines of a change run; false if there are fewer."""
-    left = [line]
-
-    def strike(frame, event, _):
-        if event == "line":
-            left[0] -= 1
-            if left[0] < 0:
-                sys.settrace(None)
-                raise KeyboardInterrupt
-        return strike
-
-    def watch(frame, event, _):
-        return strike if frame.f_code.co_filename in (changes.__file__, trees.__file__) else None
-
-    traced = sys.gettrace()
-    sys.settrace(watch)
-    try:
-        work()
-    except KeyboardInterrupt:
-        return True
-    finally:
-        sys.settrace(traced)
-    return False
 
 
 class TestRunningQueries:
