@@ -1,1 +1,1 @@
-"""Several threads, forked children, Ctrl-C, and what is left behind."""
+"""Several threads at once."""

@@ -1,4 +1,4 @@
-"""A scene that moves between a few states, and the answers to queries in each of them."""
+"""Meshes, spheres and scenes that move between a few states, and queries that tell these apart."""
 
 from __future__ import annotations
 
@@ -7,23 +7,18 @@ import numpy as np
 import clbvh
 
 from ..deform import deform
+from .queries import make_queries
 
 KINDS = ("closest_hit", "closest_prim", "any_hit", "count_hits", "all_hits")
 STATES = 4
 
 
 class MovingScene:
-    """Two meshes, placed eight times, with transforms and vertices of a few states.
+    """Two meshes, placed eight times, with transforms and vertices of a few states."""
 
-    Parameters
-    ----------
-    triangles : int
-        Of each mesh.
-    """
-
-    def __init__(self, triangles=3000):
-        self.scene = clbvh.Scene()
-        self.knot = self.scene.add(clbvh.make_shape("knot", triangles=triangles))
+    def __init__(self):
+        self.scene = self.source = clbvh.Scene()
+        self.knot = self.scene.add(clbvh.make_shape("knot", triangles=3000))
         ball = self.scene.add(clbvh.make_shape("icosphere", triangles=320))
         generator = np.random.default_rng(5)
         places = np.tile(np.eye(4), (STATES, 8, 1, 1))
@@ -33,6 +28,7 @@ class MovingScene:
         self.scene.place_many(ball, places[0, 5:])
         self.places = places
         self.vertices = [deform(self.knot.shape, state) for state in range(STATES)]
+        self.changes = self.move, self.deform
 
     def move(self, tracer, state):
         """Set all transforms."""
@@ -50,3 +46,36 @@ class MovingScene:
             for kind in KINDS
             for size in sizes
         ]
+
+
+class MovingMesh:
+    """A lone mesh."""
+
+    def __init__(self):
+        self.source = clbvh.make_shape("knot", triangles=6000)
+        self.vertices = [deform(self.source, state) for state in range(STATES)]
+        self.changes = (lambda tracer, state: tracer.update(self.vertices[state]),)
+
+    def make_queries(self):
+        """Return (kind, arguments), those of points, too."""
+        return make_queries(self.source, (1, 700), seed=1)
+
+
+class MovingSpheres:
+    """Spheres, alone in their scene or beside others; they are refitted, and sometimes built anew."""
+
+    def __init__(self, *, is_alone):
+        generator = np.random.default_rng(7)
+        centres = generator.uniform(-2, 2, (STATES, 500, 3))
+        centres[1:-1] = centres[0] + generator.uniform(-0.05, 0.05, (STATES - 2, 500, 3))
+        self.source = clbvh.Scene()
+        dots = self.source.add(clbvh.Spheres(centres[0], 0.1))
+        self.source.place(dots)
+        if not is_alone:
+            self.source.place(self.source.add(clbvh.Spheres(centres[0], 0.01)))
+        self.changes = (lambda tracer, state: tracer.set_spheres(dots, centres[state], 0.1 + 0.01 * state),)
+        self.rays = generator.uniform(-3, 3, (2000, 3)), generator.normal(size=(2000, 3))
+
+    def make_queries(self):
+        """Return (kind, arguments)."""
+        return [("closest_hit", self.rays)]

@@ -1,4 +1,4 @@
-"""Threads that share a tracer, an engine of trimesh, a pool, or nothing but the device: the answers of one thread."""
+"""Threads that share a tracer, a pool, or nothing but the device: the answers of one thread."""
 
 from __future__ import annotations
 
@@ -10,13 +10,10 @@ import time
 
 import numpy as np
 import pytest
-import trimesh
 
-from clbvh import RenderOptions, Scene, SubtreePool, Tracer, View, build, make_shape, render
+from clbvh import RenderOptions, Scene, SubtreePool, Tracer, View, build, render
 from clbvh.builders.processes.pool import open_executor
-from clbvh.device.session import DeviceSession
 from clbvh.errors import PoolError, QueryError
-from clbvh.integrations.trimesh import RayMeshIntersector
 from clbvh.trace import running_calls
 from clbvh.trace.rays import pieces
 
@@ -27,48 +24,32 @@ from .threads import PATIENCE_S, run_in_threads
 THREADS = 8
 SIZES = (1, 2, 50, 700, 5000)
 LARGE = 140_000  # more than two host threads share
-
-
-@pytest.fixture(scope="module")
-def mesh():
-    return make_shape("knot", triangles=6000)
-
-
-@pytest.fixture(scope="module")
-def bvh(mesh):
-    return build(mesh)
+RAYS = np.random.default_rng(4).normal(size=(2, 2000, 3))
 
 
 @pytest.fixture
-def tracer(bvh, session):
-    with Tracer(bvh, device=session.info) as opened:
+def own_tracer(mesh):
+    """A tracer that a test may close."""
+    with Tracer(mesh) as opened:
         yield opened
 
 
-def ask_in_threads(tracer, queries, expected):
-    """Ask all queries in each of several threads, in different orders, and compare the bytes."""
-
-    def ask_all(seed):
-        for index in np.random.default_rng(seed).permutation(len(queries)):
-            assert ask(tracer, *queries[index]) == expected[index], queries[index][0]
-
-    run_in_threads(*(lambda seed=seed: ask_all(seed) for seed in range(THREADS)))
-
-
-class TestTracer:
+class TestQueries:
     @pytest.mark.parametrize("layout", ["bvh2", "bvh8"])
-    def test_mixed_queries_have_the_bytes_of_one_thread(self, session, mesh, bvh, layout):
-        queries = make_queries(mesh, SIZES, seed=1) * (20 if is_long() else 1)
-        with Tracer(bvh, device=session.info, layout=layout) as tracer:
-            ask_in_threads(tracer, queries, [ask(tracer, *query) for query in queries])
+    def test_mixed_ones_have_the_bytes_of_one_thread(self, open_tracer, mesh, layout):
+        tracer, queries = open_tracer(mesh, layout=layout), make_queries(mesh, SIZES, seed=1) * (20 if is_long() else 1)
+        expected = [ask(tracer, *query) for query in queries]
 
-    def test_large_and_small_queries_have_the_bytes_of_one_thread(self, tracer, mesh, monkeypatch):
+        def ask_all(seed):
+            for index in np.random.default_rng(seed).permutation(len(queries)):
+                assert ask(tracer, *queries[index]) == expected[index], queries[index][0]
+
+        run_in_threads(*(lambda seed=seed: ask_all(seed) for seed in range(THREADS)))
+
+    def test_large_and_small_ones_have_the_bytes_of_one_thread(self, tracer, mesh, monkeypatch):
         monkeypatch.setattr(pieces, "CHUNK_RAYS", LARGE // 2 + 1)
-        large = [
-            query
-            for query in make_queries(mesh, [LARGE], seed=2)
-            if is_long() or query[0] in ("closest_hit", "all_hits", "closest_point")
-        ]
+        kinds = ("closest_hit", "all_hits", "closest_point")
+        large = [query for query in make_queries(mesh, [LARGE], seed=2) if is_long() or query[0] in kinds]
         queries = [*large, *make_queries(mesh, [3], seed=3)]
         expected = [ask(tracer, *query) for query in queries]
 
@@ -78,29 +59,21 @@ class TestTracer:
 
         run_in_threads(*(lambda thread=thread: ask_some(thread % (THREADS // 2)) for thread in range(THREADS)))
 
-    def test_little_memory_is_kept_of_many_calls_at_once(self, tracer, mesh, monkeypatch):
+    def test_many_at_once_keep_little_memory(self, own_tracer, monkeypatch):
         monkeypatch.setattr(running_calls, "_KEPT_BYTES", 300_000)
         meeting = threading.Barrier(THREADS)
-        rays = np.random.default_rng(4).normal(size=(2, 2000, 3))  # 96,000 bytes
 
         def meet(done, of):
             meeting.wait(PATIENCE_S)
 
-        run_in_threads(*[lambda: tracer.any_hit(*rays, progress=meet)] * THREADS)
-        assert 1 <= len(tracer._caster.calls._idle) <= 4
-        assert tracer._caster.calls._loans == {}
-
-    def test_times_are_those_of_all_threads(self, tracer):
-        before = tracer.timings_ms.get("kernel", 0.0)
-        run_in_threads(*[lambda: tracer.any_hit([[0, 0, 9]], [[0, 0, -1]])] * THREADS)
-        assert tracer.timings_ms["kernel"] > before
+        run_in_threads(*[lambda: own_tracer.any_hit(*RAYS, progress=meet)] * THREADS)  # 96,000 bytes each
+        assert 1 <= len(own_tracer._caster.calls._idle) <= 4
+        assert own_tracer._caster.calls._loans == {}
 
 
 class TestClosing:
-    def test_it_waits_for_queries_of_other_threads(self, bvh, session):
-        rays = np.random.default_rng(5).normal(size=(2, 100, 3))
-        tracer = Tracer(bvh, device=session.info)
-        expected = tracer.closest_prim(*rays)
+    def test_it_waits_for_queries_of_other_threads(self, own_tracer):
+        expected = own_tracer.closest_prim(*RAYS)
         is_inside, may_go_on, order = threading.Event(), threading.Event(), []
 
         def pause(done, of):
@@ -108,92 +81,52 @@ class TestClosing:
             assert may_go_on.wait(PATIENCE_S)
 
         def trace():
-            np.testing.assert_array_equal(tracer.closest_prim(*rays, progress=pause), expected)
+            np.testing.assert_array_equal(own_tracer.closest_prim(*RAYS, progress=pause), expected)
             order.append("traced")
 
         def close():
             assert is_inside.wait(PATIENCE_S)
             threading.Timer(0.1, may_go_on.set).start()
-            tracer.close()
+            own_tracer.close()
             order.append("closed")
 
         run_in_threads(trace, close)
         assert order == ["traced", "closed"]
         with pytest.raises(QueryError, match="the tracer is closed"):
-            tracer.closest_prim(*rays)
+            own_tracer.closest_prim(*RAYS)
 
-    def test_queries_get_an_answer_or_a_clear_error(self, mesh, bvh, session):
-        queries = make_queries(mesh, SIZES, seed=6)
-        with Tracer(bvh, device=session.info) as tracer:
-            expected = [ask(tracer, *query) for query in queries]
-        for seed in range(20 if is_long() else 5):
-            tracer = Tracer(bvh, device=session.info)
+    def test_queries_get_an_answer_or_a_clear_error(self, tracer, mesh):
+        queries, bvh = make_queries(mesh, SIZES, seed=6), build(mesh)
+        expected = [ask(tracer, *query) for query in queries]
+        for seed in range(20 if is_long() else 4):
+            closing = Tracer(bvh)
 
-            def trace(tracer=tracer):
-                for index in itertools.cycle(range(len(queries))):
-                    assert ask(tracer, *queries[index]) == expected[index]
+            def trace(closing=closing):
+                with pytest.raises(QueryError, match="the tracer is closed"):  # noqa: PT012 again and again
+                    for index in itertools.cycle(range(len(queries))):
+                        assert ask(closing, *queries[index]) == expected[index]
 
-            def trace_until_closed(trace=trace):
-                with pytest.raises(QueryError, match="the tracer is closed"):
-                    trace()
-
-            def close(seed=seed, tracer=tracer):
+            def close(seed=seed, closing=closing):
                 time.sleep(0.02 * seed)
-                tracer.close()
+                closing.close()
 
-            run_in_threads(close, close, *[trace_until_closed] * THREADS)
-            assert tracer.is_closed
-            assert tracer._caster.session.buffer_count == 0
+            run_in_threads(close, close, *[trace] * THREADS)
+            assert closing.is_closed
+            assert closing._caster.session.buffer_count == 0
 
-    def test_a_progress_function_may_close_its_tracer(self, bvh, session):
-        tracer = Tracer(bvh, device=session.info)
-        rays = np.random.default_rng(7).normal(size=(2, 100, 3))
-        expected = tracer.closest_prim(*rays)
-        found = tracer.closest_prim(*rays, progress=lambda done, of: tracer.close())
-        np.testing.assert_array_equal(found, expected)
-        assert tracer.is_closed
-        assert tracer._caster.session.is_closed
-
-    def test_two_progress_functions_may_close_one_tracer(self, bvh, session):
-        tracer = Tracer(bvh, device=session.info)
-        rays = np.random.default_rng(7).normal(size=(2, 100, 3))
-        expected = tracer.closest_prim(*rays)
-        both_are_running = threading.Barrier(2, timeout=PATIENCE_S)
+    @pytest.mark.parametrize("count", [1, 2])
+    def test_progress_functions_may_close_their_tracer(self, own_tracer, count):
+        expected = own_tracer.closest_prim(*RAYS)
+        all_are_running = threading.Barrier(count, timeout=PATIENCE_S)
 
         def close(done, of):
-            both_are_running.wait()
-            tracer.close()
+            all_are_running.wait()
+            own_tracer.close()
 
-        for found in run_in_threads(*[lambda: tracer.closest_prim(*rays, progress=close)] * 2):
+        for found in run_in_threads(*[lambda: own_tracer.closest_prim(*RAYS, progress=close)] * count):
             np.testing.assert_array_equal(found, expected)
-        assert tracer._caster.session.is_closed
-
-
-class TestTrimesh:
-    def test_threads_share_an_engine_that_is_closed_again_and_again(self):
-        mesh = trimesh.creation.icosphere(subdivisions=3)
-        engine = RayMeshIntersector(mesh)
-        rays = np.random.default_rng(8).normal(size=(2, 300, 3))
-        expected = [engine.intersects_first(*rays), *engine.intersects_id(*rays), engine.contains_points(rays[0])]
-        is_over = threading.Event()
-
-        def trace():
-            for _ in range(10):
-                found = [engine.intersects_first(*rays), *engine.intersects_id(*rays), engine.contains_points(rays[0])]
-                for obtained, wanted in zip(found, expected, strict=True):
-                    np.testing.assert_array_equal(obtained, wanted)
-
-        def close():
-            while not is_over.wait(0.02):
-                engine.close()
-
-        closer = threading.Thread(target=close)
-        closer.start()
-        try:
-            run_in_threads(*[trace] * THREADS)
-        finally:
-            is_over.set()
-            closer.join()
+        assert own_tracer.is_closed
+        assert own_tracer._caster.session.is_closed
 
 
 def list_arrays(arrays):
@@ -201,7 +134,8 @@ def list_arrays(arrays):
 
 
 class TestPool:
-    def test_builds_of_several_threads_take_turns(self, mesh, bvh):
+    def test_builds_of_several_threads_take_turns(self, mesh):
+        bvh = build(mesh)
         with SubtreePool(2) as pool:
             built = run_in_threads(*[lambda: build(mesh, pool=pool, task_threshold=500)] * 4)
         for tree in built:
@@ -226,8 +160,6 @@ class TestPool:
 
         run_in_threads(hold, close, close)
         assert order == ["built", "closed", "closed"]
-        with pytest.raises(PoolError, match="the pool is closed"):
-            build(mesh, pool=pool, task_threshold=500)
 
     def test_a_build_that_waited_while_the_pool_was_closed_is_refused(self, mesh):
         pool = SubtreePool(2)
@@ -247,8 +179,8 @@ class TestPool:
         run_in_threads(hold, late)
 
 
-def test_pictures_of_several_threads_have_the_bytes_of_one():
-    scene, view = Scene(make_shape("knot", triangles=2000)), View(width=120, height=90)
+def test_pictures_of_several_threads_have_the_bytes_of_one(mesh):
+    scene, view = Scene(mesh), View(width=120, height=90)
     options = [RenderOptions(layout=layout) for layout in ("bvh2", "bvh8")]
     expected = [render(scene, view, option) for option in options]
     pictures = run_in_threads(*(lambda option=option: render(scene, view, option) for option in options * 3))
@@ -257,26 +189,21 @@ def test_pictures_of_several_threads_have_the_bytes_of_one():
         assert picture.hits.prim_id.tobytes() == wanted.hits.prim_id.tobytes()
 
 
-def test_sessions_of_a_device_share_its_context_and_its_kernels(session, bvh):
-    with Tracer(bvh, device=session.info) as one, Tracer(bvh, device=session.info) as other:
-        assert one._caster.session.context is other._caster.session.context
-        assert run_in_threads(*[lambda: one._caster.kernel("closest_hit")] * THREADS + [
-            lambda: other._caster.kernel("closest_hit")
-        ]) == [one._caster.kernel("closest_hit")] * (THREADS + 1)  # fmt: skip
-        assert isinstance(one._caster.session, DeviceSession)
+def test_tracers_of_a_device_share_its_context_and_its_kernels(mesh, tracer, own_tracer):
+    assert tracer._caster.session.context is own_tracer._caster.session.context
+    kernels = run_in_threads(*[lambda: tracer._caster.kernel("closest_hit")] * THREADS)
+    assert [*kernels, own_tracer._caster.kernel("closest_hit")] == [kernels[0]] * (THREADS + 1)
 
 
 _FIRST_USE = """
 import threading
-import numpy as np
 import clbvh
 
 meeting, answers = threading.Barrier(8), []
 
 def use():
     meeting.wait()
-    mesh = clbvh.make_shape("icosphere", triangles=320)
-    with clbvh.Tracer(clbvh.build(mesh)) as tracer:
+    with clbvh.Tracer(clbvh.make_shape("icosphere", triangles=320)) as tracer:
         answers.append(tracer.all_hits([[0.1, 0.2, 5]], [[0, 0, -1]]).prim_id.tobytes())
 
 threads = [threading.Thread(target=use) for _ in range(8)]

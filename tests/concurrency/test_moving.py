@@ -1,0 +1,215 @@
+"""Threads that query what others move: every answer is that of one state, in full."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import clbvh
+from clbvh.errors import MeshError, QueryError, SceneError
+from clbvh.trace.rays import pieces
+
+from ..profiles import is_long
+from .moving_scenes import STATES, MovingMesh, MovingScene, MovingSpheres
+from .queries import ask
+from .threads import run_in_threads
+
+THREADS = 6
+CHANGES = 400 if is_long() else 40
+
+MOVING = {
+    "mesh": (MovingMesh, {}),
+    "mesh, bvh2": (MovingMesh, {"layout": "bvh2"}),
+    "scene": (MovingScene, {}),
+    "spheres": (lambda: MovingSpheres(is_alone=True), {}),
+    "spheres among others": (lambda: MovingSpheres(is_alone=False), {}),
+}
+
+
+class Moving:
+    """Something that moves, its tracer, and the answers to all queries in each of its states."""
+
+    def __init__(self, subject, options):
+        self.subject, self.options, self.queries = subject, options, subject.make_queries()
+        with self.open() as tracer:
+            self.expected = {}
+            for states in itertools.product(range(STATES), repeat=len(subject.changes)):
+                self.set(tracer, states)
+                self.expected[states] = [ask(tracer, *query) for query in self.queries]
+
+    def open(self):
+        return clbvh.Tracer(self.subject.source, **self.options)
+
+    def set(self, tracer, states):
+        for change, state in zip(self.subject.changes, states, strict=True):
+            change(tracer, state)
+
+    def change(self, tracer, generator):
+        """Change something at random; return its number, and its state."""
+        number, state = generator.integers(len(self.subject.changes)), generator.integers(STATES)
+        self.subject.changes[number](tracer, state)
+        return number, state
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return Moving(MovingScene(), {})
+
+
+@pytest.fixture(scope="module", params=MOVING)
+def moving(request):
+    make, options = MOVING[request.param]
+    return Moving(make(), options)
+
+
+def buffer_count(tracer):
+    return tracer._caster.session.buffer_count
+
+
+@pytest.mark.parametrize("movers", [1, 2])
+def test_every_answer_is_that_of_one_state(moving, movers):
+    expected, queries = moving.expected, moving.queries
+    assert len({b"".join(itertools.chain(*answers)) for answers in expected.values()}) == len(expected)
+    is_over, asked = threading.Event(), [0] * THREADS
+    with moving.open() as tracer:
+        moving.set(tracer, next(iter(expected)))
+
+        def move(seed):
+            generator, count = np.random.default_rng(seed), 0
+            try:
+                # On a busy machine the others may not have had their turns.
+                while count < CHANGES or min(asked) < 2:
+                    moving.change(tracer, generator)
+                    count += 1
+            finally:
+                is_over.set()
+
+        def trace(seed):
+            order = np.random.default_rng(seed).permutation(len(queries))
+            try:
+                while not is_over.is_set():
+                    index = order[asked[seed] % len(order)]
+                    answer = ask(tracer, *queries[index])
+                    assert any(answer == answers[index] for answers in expected.values()), queries[index][0]
+                    asked[seed] += 1
+            finally:
+                asked[seed] += 2  # also after a failure, so that the changes end
+
+        run_in_threads(
+            *(lambda seed=seed: move(seed) for seed in range(movers)),
+            *(lambda seed=seed: trace(seed) for seed in range(THREADS)),
+        )
+        last = list(expected)[-2]
+        moving.set(tracer, last)
+        assert [ask(tracer, *query) for query in queries] == expected[last]
+        assert tracer._caster.calls._loans == {}
+
+
+def test_later_queries_of_the_thread_that_moves_see_the_new_state(moving):
+    now, turns = [0] * len(moving.subject.changes), threading.Lock()
+    with moving.open() as tracer:
+        moving.set(tracer, now)
+
+        def move_and_trace(seed):
+            generator = np.random.default_rng(seed)
+            for _ in range(CHANGES // 4):
+                index = generator.integers(len(moving.queries))
+                with turns:
+                    number, now[number] = moving.change(tracer, generator)
+                    assert ask(tracer, *moving.queries[index]) == moving.expected[tuple(now)][index]
+
+        run_in_threads(*(lambda seed=seed: move_and_trace(seed) for seed in range(4)))
+
+
+def test_closing_waits_for_a_change_and_refuses_later_ones(moving):
+    for seed in range(20 if is_long() else 4):
+        tracer, generator = moving.open(), np.random.default_rng(seed)
+
+        def until_closed(work):
+            with pytest.raises(QueryError, match="the tracer is closed"):  # noqa: PT012 again and again
+                while True:
+                    work()
+
+        def change(tracer=tracer, generator=generator):
+            until_closed(lambda: moving.change(tracer, generator))
+
+        def query(tracer=tracer):
+            until_closed(lambda: tracer.closest_hit([[0, 0, 9]], [[0, 0, -1]]))
+
+        def close(seed=seed, tracer=tracer):
+            time.sleep(0.02 * seed)
+            tracer.close()
+
+        run_in_threads(change, query, query, close)
+        assert buffer_count(tracer) == 0
+        assert tracer._caster.calls._loans == {}
+
+
+def test_changes_leave_nothing_on_the_device(moving):
+    with moving.open() as tracer:
+        for states in moving.expected:
+            moving.set(tracer, states)
+        before = buffer_count(tracer), tracer.memory_bytes
+        for states in moving.expected:
+            moving.set(tracer, states)
+        assert (buffer_count(tracer), tracer.memory_bytes) <= before
+
+
+def test_a_query_of_several_pieces_sees_one_state(scene, monkeypatch):
+    """Its buffers stay, however many changes come and go meanwhile, of transforms and of vertices."""
+    index, rays = next(
+        (index, rays) for index, (kind, rays) in enumerate(scene.queries) if kind == "closest_hit" and len(rays[0]) > 99
+    )
+    monkeypatch.setattr(pieces, "CHUNK_RAYS", 50)
+    changed = []
+    with scene.open() as tracer:
+
+        def change(done, of):
+            scene.set(tracer, (done % STATES, done // 50 % STATES))
+            scene.subject.move(tracer, (done + 1) % STATES)
+            changed.append(done)
+
+        scene.set(tracer, (1, 0))
+        scene.subject.move(tracer, 1)  # the query's nodes are those of an older scene, its instances are not
+        answer = tracer.closest_hit(*rays, progress=change)
+    assert len(changed) >= 10
+    found = [getattr(answer, name).tobytes() for name in ("t", "u", "v", "prim_id", "instance_id")]
+    assert found == scene.expected[1, 0][index]
+
+
+def test_a_mesh_that_begins_to_move_is_on_the_device_once():
+    scene = clbvh.Scene()
+    ball = scene.place(scene.add(clbvh.make_shape("icosphere", triangles=320)))
+    with clbvh.Tracer(scene) as tracer:
+        for step in range(3):
+            tracer.set_transforms(ball, clbvh.Transform(translate=(step, 0, 0)).matrix[None])
+        # Nodes and blocks, and the tree over the instances.
+        assert buffer_count(tracer) == 2 + 2
+
+
+@pytest.mark.parametrize("kind", ["transforms", "vertices", "built anew"])
+def test_a_change_that_fails_changes_nothing(kind):
+    scene = clbvh.Scene()
+    mesh = clbvh.make_shape("icosphere", triangles=320)
+    ball, other = scene.add(mesh), scene.add(clbvh.make_shape("knot", triangles=500))
+    first, _ = scene.place(ball), scene.place(other, clbvh.Transform(translate=(5, 0, 0)))
+    tiny, order = 1e-25, np.random.default_rng(1).permutation(len(mesh.vertices))
+    vertices = tiny * (mesh.vertices if kind == "vertices" else mesh.vertices[order])
+    with clbvh.Tracer(scene) as tracer:
+        tracer.set_vertices(other, other.shape.vertices)
+        tracer.set_vertices(ball, mesh.vertices)
+        before, hit = buffer_count(tracer), tracer.closest_hit([[0, 0, 5]], [[0, 0, -1]]).t.tolist()
+        for _ in range(3):
+            with pytest.raises(SceneError, match="is smaller than"):  # noqa: PT012 one of two calls
+                if kind == "transforms":
+                    tracer.set_transforms(first, np.diag([tiny, tiny, tiny, 1])[None])
+                else:
+                    tracer.set_vertices(ball, vertices)
+            with pytest.raises(MeshError):
+                tracer.set_vertices(ball, np.full_like(mesh.vertices, np.nan))
+            assert buffer_count(tracer) <= before
+            assert tracer.closest_hit([[0, 0, 5]], [[0, 0, -1]]).t.tolist() == hit
