@@ -61,26 +61,22 @@ CENTRE = BOX.mean(axis=0)
 
 def rays_along(direction):
     """Origins of rays along an axis, boxes, and whether they meet: in faces and edges, beside them, inside, behind."""
+    axes = np.arange(3)
     along = int(np.abs(direction).argmax())
-    across = [axis for axis in range(3) if axis != along]
+    behind = CENTRE - 10 * direction
     yield CENTRE, BOX, True
     yield CENTRE + 10 * direction, BOX, False
     for side in (0, 1):
-        yield np.where(np.arange(3) == along, BOX[side], CENTRE), BOX, True
-        for axis in across:
-            in_face = np.where(np.arange(3) == axis, BOX[side], CENTRE) - 10 * direction
-            yield in_face, BOX, True
-            yield in_face + np.where(np.arange(3) == axis, 12 * PADDING * (2 * side - 1), 0), BOX, False
-        for other in (0, 1):
-            edge = CENTRE - 10 * direction
-            edge[across] = BOX[side][across[0]], BOX[other][across[1]]
-            yield edge, BOX, True
+        yield np.where(axes == along, BOX[side], CENTRE), BOX, True
+        for axis in {0, 1, 2} - {along}:
+            yield np.where(axes == axis, BOX[side], behind), BOX, True
+            yield np.where(axes == axis, BOX[side] + 12 * PADDING * (2 * side - 1), behind), BOX, False
+            yield np.where(axes == along, behind, BOX[[side, 1 - side, side], axes]), BOX, True
             # Where the origin is 0, a plane through it is at distance 0 whatever the inverse is.
-            yield -3 * direction, np.where(np.arange(3) == across[other], [[0], [1]], [[-1], [1]]), True
-    # A point is a box.
-    yield CENTRE - 10 * direction, np.stack((CENTRE, CENTRE)), True
-    yield CENTRE - 10 * direction + 1e-3 * np.roll(np.abs(direction), 1), np.stack((CENTRE, CENTRE)), False
-    # And a box may have no end.
+            yield -3 * direction, np.where(axes == axis, [[0], [1]], [[-1], [1]]), True
+    # A point is a box, and a box may have no end.
+    yield behind, np.stack((CENTRE, CENTRE)), True
+    yield behind + 1e-3 * np.roll(np.abs(direction), 1), np.stack((CENTRE, CENTRE)), False
     for end in (np.inf, np.finfo(np.float32).max):
         yield [5, 6, 7], np.outer([-end, end], np.ones(3)), True
 

@@ -73,13 +73,6 @@ def test_arithmetic_is_that_of_every_device_and_nodes_are_loaded_in_long_words(p
         assert words > 2 * loads
 
 
-def test_loads_are_counted_in_words():
-    ptx = (
-        "ld.global.v4.f32 {a, b, c, d}, [e];\nld.global.nc.v2.u32 {a, b}, [e];\nld.global.u32 a, [e];\nld.local.u32 a;"
-    )
-    assert report.count_loads(ptx) == (3, 7)
-
-
 def test_every_kernel_is_compiled_in_every_layout():
     programs = list(report.list_programs())
     folder = report.find_folder("cl") / "kernels"

@@ -146,10 +146,15 @@ def test_the_pattern_begins_at_the_centre_and_is_evenly_spread(call):
 
 
 ROWS = 1024
-WIDTHS = (1e-5, 0.5, 1, 2)
 
-# The largest difference of a mean over the grid from the integral: roots are steep at an edge of the square.
-MOMENT = {"rtol": 0, "atol": 3e-5}
+# The means of products of powers of x, y and z.
+MOMENTS = {
+    "disk": {(1, 0): 0, (0, 1): 0, (1, 1): 0, (2, 0): 1 / 4, (0, 2): 1 / 4, (4, 0): 1 / 8},
+    "tent": {(1, 0): 0, (0, 1): 0, (1, 1): 0, (2, 0): 1 / 6, (0, 2): 1 / 6, (4, 0): 1 / 15, (0, 4): 1 / 15},
+    # Of the density z / pi.
+    "hemisphere": {(0, 0, 1): 2 / 3, (0, 0, 2): 1 / 2, (0, 0, 3): 2 / 5, (1, 0, 0): 0, (0, 1, 0): 0, (2, 0, 0): 1 / 4},
+    "sphere": {(1, 0, 0): 0, (0, 0, 1): 0, (1, 1, 0): 0, (2, 0, 0): 1 / 3, (0, 0, 2): 1 / 3, (0, 4, 0): 1 / 5},
+}
 
 
 def warp(call, samples, width=0.5):
@@ -164,49 +169,23 @@ def warp(call, samples, width=0.5):
     return {name: points.astype(np.float64) for name, points in zip(names, found, strict=True)}
 
 
-@pytest.fixture(scope="module")
-def grid():
-    """The centres of the cells of a square grid: means over it are integrals."""
+def test_warps_have_their_densities_and_neighbours_stay_neighbours(call):
+    # Means over the centres of the cells of a grid are integrals; roots are steep at an edge of the square.
     centres = (np.arange(ROWS) + 0.5) / ROWS
-    return np.stack(np.meshgrid(centres, centres, indexing="ij"), axis=-1).reshape(-1, 2)
-
-
-@pytest.fixture(scope="module")
-def warped(call, grid):
-    return warp(call, grid)
-
-
-def test_the_disk_is_even_and_neighbours_stay_neighbours(warped):
-    disk = warped["disk"]
-    squared = (disk**2).sum(axis=1)
-    assert squared.max() <= 1
-    np.testing.assert_allclose(disk.mean(axis=0), 0, **MOMENT)
-    np.testing.assert_allclose(disk.T @ disk / len(disk), np.eye(2) / 4, **MOMENT)
-    np.testing.assert_allclose((squared**2).mean(), 1 / 3, **MOMENT)
-    sector = np.floor((np.arctan2(disk[:, 1], disk[:, 0]) / (2 * np.pi) % 1) * 8).astype(int)
-    np.testing.assert_allclose(np.bincount(sector) / len(disk), 1 / 8, rtol=2e-3)
+    grid = np.stack(np.meshgrid(centres, centres, indexing="ij"), axis=-1).reshape(-1, 2)
+    found = warp(call, grid)
+    for name, moments in MOMENTS.items():
+        for powers, expected in moments.items():
+            assert abs(np.prod(found[name] ** powers, axis=1).mean() - expected) < 3e-5, (name, powers)
+    for name in ("hemisphere", "sphere"):
+        np.testing.assert_allclose((found[name] ** 2).sum(axis=1), 1, rtol=0, atol=1e-6)
+    assert found["hemisphere"][:, 2].min() > 0
+    assert np.abs(found["tent"]).max() <= 1
+    assert (found["disk"] ** 2).sum(axis=1).max() <= 1
     for axis in (0, 1):
-        step = np.linalg.norm(np.diff(disk.reshape(ROWS, ROWS, 2), axis=axis), axis=-1)
+        step = np.linalg.norm(np.diff(found["disk"].reshape(ROWS, ROWS, 2), axis=axis), axis=-1)
         assert step.max() < 3.2 / ROWS
-
-
-def test_the_hemisphere_is_weighted_by_the_cosine_and_the_sphere_is_even(warped):
-    hemisphere, sphere = warped["hemisphere"], warped["sphere"]
-    np.testing.assert_allclose((hemisphere**2).sum(axis=1), 1, rtol=0, atol=5e-7)
-    z = hemisphere[:, 2]
-    assert z.min() > 0
-    # The density z / pi has the means 2/3 of z, 1/2 of z^2 and 2/5 of z^3.
-    np.testing.assert_allclose([z.mean(), (z**2).mean(), (z**3).mean()], [2 / 3, 1 / 2, 2 / 5], **MOMENT)
-    np.testing.assert_allclose(hemisphere[:, :2].mean(axis=0), 0, **MOMENT)
-    np.testing.assert_allclose((hemisphere[:, :2] ** 2).mean(axis=0), 1 / 4, **MOMENT)
-    np.testing.assert_allclose((sphere**2).sum(axis=1), 1, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(sphere.mean(axis=0), 0, **MOMENT)
-    np.testing.assert_allclose(sphere.T @ sphere / len(sphere), np.eye(3) / 3, **MOMENT)
-    np.testing.assert_allclose((sphere**4).mean(axis=0), 1 / 5, **MOMENT)
-
-
-def test_cones_are_even(call, grid):
-    for width in WIDTHS:
+    for width in (1e-5, 0.5, 1, 2):
         cone = warp(call, grid, width)["cone"]
         np.testing.assert_allclose((cone**2).sum(axis=1), 1, rtol=0, atol=1e-6)
         depth = 1 - cone[:, 2]
@@ -215,14 +194,6 @@ def test_cones_are_even(call, grid):
         np.testing.assert_allclose(depth.mean(), width / 2, rtol=0, atol=1e-7)
         np.testing.assert_allclose(cone[:, :2].mean(axis=0), 0, rtol=0, atol=1e-6 * np.sqrt(width))
         np.testing.assert_allclose((cone[:, :2] ** 2).mean(axis=0), (width - width**2 / 3) / 2, rtol=2e-6)
-
-
-def test_the_tent_has_its_density(warped):
-    tent = warped["tent"]
-    assert np.abs(tent).max() <= 1
-    np.testing.assert_allclose(tent.mean(axis=0), 0, **MOMENT)
-    np.testing.assert_allclose(tent.T @ tent / len(tent), np.eye(2) / 6, **MOMENT)
-    np.testing.assert_allclose((tent**4).mean(axis=0), 1 / 15, **MOMENT)
 
 
 def test_corners_of_the_square(call):

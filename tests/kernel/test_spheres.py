@@ -214,36 +214,6 @@ def test_trees_change_no_hit(call, name):
     assert ((t >= t_min[found].astype(np.float32)) & (t <= t_max[found].astype(np.float32))).all()
 
 
-def test_the_hits_are_those_of_float64(call):
-    """All spheres by the formula, for rays that no rounding brings near a rim or a tie."""
-    generator = np.random.default_rng(92)
-    spheres = make_spheres(200, generator, (-2, -0.5))
-    origins, directions = sphere_rays(spheres, 5000, generator)
-    closest, counts, _, nearest = trace_all_layouts(call, spheres, make_rays(origins, directions))
-
-    from_centre = origins[:, None] - spheres.centres[None]
-    square = (directions**2).sum(axis=1)[:, None]
-    towards = -(from_centre * directions[:, None]).sum(axis=2)
-    across = from_centre + (towards / square)[..., None] * directions[:, None]
-    chord_squared = spheres.radii**2 - (across**2).sum(axis=2)
-    half_chord = np.sqrt(np.maximum(chord_squared, 0) / square)
-    t = np.stack((towards / square - half_chord, towards / square + half_chord), axis=2)
-    t[chord_squared < 0] = np.inf
-    is_clear = (np.abs(chord_squared) > 1e-3 * spheres.radii).all(axis=1)
-    is_clear &= (np.abs(t * np.sqrt(square)[:, :, None]) > 1e-3).all(axis=(1, 2)) & (np.abs(origins).max(axis=1) < 10)
-    assert is_clear.mean() > 0.1
-    ahead = np.where(t >= 0, t, np.inf)
-    np.testing.assert_array_equal(counts[is_clear], np.isfinite(ahead).sum(axis=(1, 2))[is_clear])
-    expected = ahead.min(axis=(1, 2))
-    hit = is_clear & np.isfinite(expected)
-    np.testing.assert_array_equal(closest["prim_id"][is_clear] == NO_PRIM, ~hit[is_clear])
-    np.testing.assert_allclose(closest["t"][hit], expected[hit], rtol=1e-4)
-
-    heights = np.abs(np.linalg.norm(from_centre, axis=2) - spheres.radii)
-    chosen = heights[np.arange(len(origins)), nearest]
-    assert (chosen <= heights.min(axis=1) + 1e-6 * (1 + np.abs(origins).max(axis=1))).all()
-
-
 def test_equal_spheres_are_ordered_by_their_ids(call):
     spheres = spheres_as_on_device(np.zeros((20, 3)), 0.5)
     rays = make_rays([[0.1, 0.2, -3], [0, 0, 0]], [0, 0, 1])

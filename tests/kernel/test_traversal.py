@@ -203,18 +203,6 @@ def test_the_way_out_of_a_convex_mesh_is_crossed_once(session):
             np.testing.assert_array_equal(cast("count_hits", *aim(inner, targets)), 1)
 
 
-def test_thousands_of_crossings_of_one_ray(session):
-    count = 5000
-    heights = np.random.default_rng(64).permutation(count).astype(np.float64)
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float) + heights[:, None, None] * [0, 0, 1]
-    mesh = Mesh.from_arrays(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
-    with open_caster(session, mesh, build(mesh)) as cast:
-        hits, offsets = cast("all_hits", [[0.25, 0.25, -1]] * 2, [[0, 0, 1], [0, 0, -1]])
-    assert offsets.tolist() == [0, count, count]
-    np.testing.assert_array_equal(hits["t"], 1 + np.arange(count))
-    np.testing.assert_array_equal(heights[hits["prim_id"]], np.arange(count))
-
-
 WIDTH, HEIGHT = 203, 117  # neither is a multiple of a tile's
 
 # The first child of an entry point: no entry point was found, or the tile's rays hit nothing.
@@ -236,46 +224,20 @@ def picture(mesh):
     return origins.reshape(-1, 3), directions.reshape(-1, 3)
 
 
-def parallel_grid(mesh):
-    """Along an axis, through vertices of the mesh: a grid with them sorted across."""
-    generator = np.random.default_rng(36)
-    x, y = (np.sort(generator.choice(mesh.vertices[:, axis], size)) for axis, size in ((0, WIDTH), (1, HEIGHT)))
-    far = np.full((HEIGHT, WIDTH), -2 * float(np.ptp(mesh.vertices, axis=0).max()))
-    origins = np.stack((*np.meshgrid(x, y), far), axis=-1).reshape(-1, 3)
-    return origins, np.broadcast_to([0.0, 0.0, 1.0], origins.shape)
-
-
-def panorama(mesh):
-    """From the middle: directions of all signs, and along the axes."""
-    turn, rise = np.round(np.linspace(-np.pi, np.pi, WIDTH), 2), np.linspace(-1.5, 1.5, HEIGHT)[:, None]
-    parts = np.broadcast_arrays(np.cos(turn) * np.cos(rise), np.sin(turn) * np.cos(rise), np.sin(rise))
-    directions = np.stack(parts, axis=-1)
-    directions[HEIGHT // 2, :: WIDTH // 4] = np.round(directions[HEIGHT // 2, :: WIDTH // 4])
-    directions = directions.reshape(-1, 3)
-    return np.broadcast_to(np.float32(mesh.vertices.mean(axis=0)), directions.shape), directions
-
-
 def any_order(mesh):
     return hard_rays(mesh, WIDTH * HEIGHT // 3 * 3, np.random.default_rng(39))
 
 
 @pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
-@pytest.mark.parametrize("kind", [picture, parallel_grid, panorama, any_order])
-def test_tiles_of_rays_begin_at_entry_points(session, mesh, kind, layout):
-    hits = check_tiles(session, mesh, build(mesh), kind(mesh), (8, 8), layout)
-    assert 0.02 < np.mean(hits["prim_id"] != NO_PRIM) <= 1
-
-
-@pytest.mark.parametrize("tile", [(16, 4), (64, 1), (5, 3)])
-def test_tiles_of_any_shape(session, mesh, tile):
-    check_tiles(session, mesh, build(mesh), picture(mesh), tile, "bvh8")
-
-
-@pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
-def test_tiles_of_soups_and_of_trees_of_one_leaf(session, layout):
+def test_tiles_of_rays_begin_at_entry_points(session, mesh, layout):
     soup, few = grid_soup(), centred(make_soup(3, seed=1, grid=8, size=4))
+    one_leaf = build(few, leaf_size=4, traversal_cost=100)
+    for tile in ((8, 8), (64, 1), (5, 3)):
+        hits = check_tiles(session, mesh, build(mesh), picture(mesh), tile, layout)
+        assert 0.02 < np.mean(hits["prim_id"] != NO_PRIM) <= 1
+    check_tiles(session, mesh, build(mesh), any_order(mesh), (8, 8), layout)
     check_tiles(session, soup, build(soup), picture(soup), (8, 8), layout)
-    check_tiles(session, few, build(few, leaf_size=4, traversal_cost=100), picture(few), (8, 8), layout)
+    check_tiles(session, few, one_leaf, picture(few), (8, 8), layout)
 
 
 @pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
