@@ -17,21 +17,17 @@ SIZE = {"width": 72, "height": 54}
 PLANE = Cut.plane((0, 0, 1), (0, 0, 3))
 BOX = Cut.box((0, 0, 0), (1, 2, 3))
 
-CUTS = {
-    "plane": Cut.plane((0, 0, 0.3), (0.3, 0.2, 1)),
-    "behind": Cut.plane((0, 0, 0.3), (0, 0, -1)),
-    "all": Cut.plane((0, 0, -9), (0, 0, 5)),
-    "nothing": Cut.plane((0, 0, 90), (0, 0, 1e-30)),
-    "box": Cut.box((-0.5, -0.5, 0.2), (0.6, 2, 9)),
-    "middle": Cut.box((-9, -9, 0.3), (9, 9, 2)),
-    "flat": Cut.box((-1, -1, 0.9), (1, 1, 0.9)),
-}
-CAMERAS = {
-    "perspective": clbvh.Camera((0.3, 0.5, 4), (0, 0, 0)),
-    "inside": clbvh.Camera((0, 0, 0.6), (0.1, 0.2, 0)),
-    "orthographic": clbvh.Camera((0.3, 0.5, 4), (0, 0, 0), projection=clbvh.Orthographic(3)),
-    "panorama": clbvh.Camera((0.1, 0.2, 0.7), (0, 0, 0), projection=clbvh.Panorama()),
-}
+CUTS = [
+    Cut.plane((0, 0, 0.3), (0.3, 0.2, 1)), Cut.plane((0, 0, 0.3), (0, 0, -1)), Cut.plane((0, 0, -9), (0, 0, 5)),
+    Cut.plane((0, 0, 90), (0, 0, 1e-30)), Cut.box((-0.5, -0.5, 0.2), (0.6, 2, 9)),
+    Cut.box((-9, -9, 0.3), (9, 9, 2)), Cut.box((-1, -1, 0.9), (1, 1, 0.9)),
+]  # fmt: skip
+OUTSIDE = clbvh.Camera((0.3, 0.5, 4), (0, 0, 0))
+CAMERAS = [
+    OUTSIDE, clbvh.Camera((0, 0, 0.6), (0.1, 0.2, 0)),
+    clbvh.Camera((0.3, 0.5, 4), (0, 0, 0), projection=clbvh.Orthographic(3)),
+    clbvh.Camera((0.1, 0.2, 0.7), (0, 0, 0), projection=clbvh.Panorama()),
+]  # fmt: skip
 
 
 def test_the_parts_of_rays_that_are_cut_away():
@@ -47,21 +43,17 @@ def test_the_parts_of_rays_that_are_cut_away():
     for cut, origin, direction, expected in rows:
         begin, end = cut.ranges(np.array(origin, float), np.array(direction, float))
         assert (begin, end) == pytest.approx(expected), (cut, origin, direction)
-    for direction in ((1, 0, 0), (0, 0, 1), (1, 1, 0)):
-        begin, end = BOX.ranges(np.array([5.0, 9.0, 5.0]), np.array(direction, float))
-        assert end < begin
+    begin, end = BOX.ranges(np.array([5.0, 9.0, 5.0]), np.eye(3))
+    assert (end < begin).all()
 
 
 def test_a_text_is_a_cut_and_a_cut_has_a_text():
     texts = {
-        "0,1,2; 3,4,5.5": Cut.plane((0, 1, 2), (3, 4, 5.5)),
-        "box 0,0,0;1,1e-3,1": Cut.box((0, 0, 0), (1, 0.001, 1)),
-        "z=0.5": Cut.plane((0, 0, 0.5), (0, 0, 1)),
-        "y > -2": Cut.plane((0, -2, 0), (0, 1, 0)),
-        "x<1e3": Cut.plane((1000, 0, 0), (-1, 0, 0)),
-        "y=33.3%": Cut("share", (0, 33.3, 0), (0, 1, 0)),
+        "0,1,2; 3,4,5.5": Cut.plane((0, 1, 2), (3, 4, 5.5)), "box 0,0,0;1,1e-3,1": Cut.box((0, 0, 0), (1, 0.001, 1)),
+        "z=0.5": Cut.plane((0, 0, 0.5), (0, 0, 1)), "y > -2": Cut.plane((0, -2, 0), (0, 1, 0)),
+        "x<1e3": Cut.plane((1000, 0, 0), (-1, 0, 0)), "y=33.3%": Cut("share", (0, 33.3, 0), (0, 1, 0)),
         "z<100 %": Cut("share", (0, 0, 100), (0, 0, -1)),
-    }
+    }  # fmt: skip
     for text, cut in texts.items():
         assert as_cut(text) == as_cut(cut.text) == as_cut(cut) == cut
     # Per cent count from the lower side of the box.
@@ -80,8 +72,6 @@ def test_what_is_no_cut_is_refused():
     for text in texts:
         with pytest.raises(SceneError, match="cut"):
             pytest.fail(f"{text} is {as_cut(text)}")
-    with pytest.raises(SceneError, match="a 'plane', a 'share' or a 'box', not 'ball'"):
-        Cut("ball", (0, 0, 0), (1, 1, 1))
 
 
 def test_a_cut_beside_everything_is_described():
@@ -108,22 +98,22 @@ def test_hits_are_those_of_rays_with_the_same_limits(request, open_tracer, name,
     source = request.getfixturevalue(name)
     tracer = open_tracer(source)
     with clbvh.Renderer(source, up="y", shading=shading, samples=1, **SIZE) as renderer:
-        for camera in CAMERAS.values():
+        for camera in CAMERAS:
             whole = renderer.render(camera=camera)
             origins, directions = camera.rays(**SIZE)
-            for cut_name, cut in CUTS.items():
+            for cut in CUTS:
                 picture = renderer.render(camera=camera, cut=cut)
                 t, prim_id, instance_id = trace(tracer, cut, origins, directions)
                 hits = picture.hits
                 same = (hits.prim_id == prim_id) & (hits.instance_id == instance_id)
                 # A surface that ends at the cut, or that touches a ray, may be on either side by what is rounded.
-                assert np.count_nonzero(~same) <= 2, cut_name
+                assert np.count_nonzero(~same) <= 2, cut
                 np.testing.assert_allclose(hits.t[same], t[same], rtol=1e-6)
                 begin, end = cut.ranges(origins, directions)
-                assert not ((begin <= end) & (hits.t > begin) & (hits.t < end)).any(), cut_name
+                assert not ((begin <= end) & (hits.t > begin) & (hits.t < end)).any(), cut
             assert check_pixels(picture).validated_pixels > 100
         # Validation finds pixels that ignore their cut, or that have one without a reason.
-        cut, camera = CUTS["plane"], CAMERAS["perspective"]
+        cut, camera = CUTS[0], OUTSIDE
         whole, shown = renderer.render(camera=camera), renderer.render(camera=camera, cut=cut)
         for wrong in (dataclasses.replace(whole, cut=cut), dataclasses.replace(shown, cut=None)):
             with pytest.raises(ValidationError):

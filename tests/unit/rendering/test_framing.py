@@ -8,9 +8,8 @@ import pytest
 import clbvh
 from clbvh import Fisheye, Mesh, Orthographic, Panorama, SceneError, Spheres, View
 from clbvh.choices import STANDARD_VIEWS
-from clbvh.rendering.cameras import bounds as bounds_module
-from clbvh.rendering.cameras.bounds import Reaches, SceneBounds
-from clbvh.rendering.cameras.framing import frame_mesh, frame_scene, measure_side
+from clbvh.rendering.cameras.bounds import SceneBounds
+from clbvh.rendering.cameras.framing import frame_mesh, frame_scene
 from clbvh.rendering.kernel_view import sky_direction
 from clbvh.rendering.view_finder import ViewFinder
 
@@ -55,12 +54,6 @@ def test_every_point_is_seen_and_no_room_is_wasted(projection):
             check_frame(frame_mesh(mesh_of(points), aspect=aspect, up=up, projection=projection), points, aspect)
 
 
-def test_the_automatic_view_is_from_the_front_a_little_from_the_right_and_above():
-    for up, front, right in (((0, 1, 0), (0, 0, 1), (1, 0, 0)), ((0, 0, 2), (0, -1, 0), (1, 0, 0))):
-        towards = -frame_mesh(mesh_of(cloud(0)), aspect=1, up=up).axes()[2]
-        assert towards @ front > towards @ right > towards @ up / np.linalg.norm(up) > 0.2
-
-
 @pytest.mark.parametrize("projection", [None, Orthographic(), Fisheye(150), Panorama()])
 def test_neither_scale_nor_place_matters(projection):
     points = cloud(1)
@@ -84,8 +77,7 @@ def test_points_without_extent_are_framed_too(projection):
 @pytest.mark.parametrize("up", [(0, 1, 0), (0, 0, 3), SKEW])
 def test_a_turn_sees_every_point_from_all_sides(up):
     for aspect, projection in ((16 / 9, None), (0.5, None), (0.5, Orthographic()), (2.0, Fisheye(120))):
-        for extents in ((3, 1, 0.2), (0.5, 4, 5)):
-            points = cloud(4, extents, 60)
+        for points in (cloud(4, (3, 1, 0.2), 60), cloud(4, (0.5, 4, 5), 60)):
             first = frame_mesh(mesh_of(points), aspect=aspect, up=up, projection=projection, turns=True)
             seen = [places(first.orbit(angle), points, aspect) for angle in range(0, 360, 2)]
             assert min(depth.min() for _, depth in seen) > 0
@@ -98,14 +90,6 @@ def test_a_turn_sees_every_point_from_all_sides(up):
                 tight = np.argmax(np.ptp(found, axis=0))
                 assert found[:, tight].max() > 0.933
                 assert found[:, tight].min() < -0.933
-
-
-def test_a_fisheye_sees_every_point_in_its_circle():
-    points = cloud(2)
-    for angle in (5, 60, 180, 360):
-        found, _ = places(frame_mesh(mesh_of(points), aspect=1.5, projection=Fisheye(angle)), points, 1.5)
-        assert np.hypot(found[:, 0] * 1.5, found[:, 1]).max() < 1
-        assert np.abs(found).max() > 0.08
 
 
 def test_a_panorama_stands_in_the_middle_looks_level_and_has_no_turn():
@@ -139,42 +123,27 @@ def test_a_view_gives_its_camera_the_projection_the_lens_and_the_eye(projection)
             assert camera.projection == projection
 
 
-# Towards the camera, and up in the picture, where y is up and where z is.
-SIDES = {
-    (0, 1, 0): {
-        "front": ((0, 0, 1), (0, 1, 0)), "right": ((1, 0, 0), (0, 1, 0)), "back": ((0, 0, -1), (0, 1, 0)),
-        "left": ((-1, 0, 0), (0, 1, 0)), "top": ((0, 1, 0), (0, 0, -1)), "bottom": ((0, -1, 0), (0, 0, 1)),
-        "iso": (np.ones(3) / np.sqrt(3), (0, 1, 0)),
-    },
-    (0, 0, 2): {
-        "front": ((0, -1, 0), (0, 0, 2)), "right": ((1, 0, 0), (0, 0, 2)), "back": ((0, 1, 0), (0, 0, 2)),
-        "left": ((-1, 0, 0), (0, 0, 2)), "top": ((0, 0, 1), (0, 1, 0)), "bottom": ((0, 0, -1), (0, -1, 0)),
-        "iso": (np.array((1, -1, 1)) / np.sqrt(3), (0, 0, 2)),
-    },
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("up", SIDES)
-def test_a_standard_view_is_from_its_side(up):
-    assert tuple(SIDES[up]) == STANDARD_VIEWS
-    points = cloud(0)
-    for side, (towards, picture_up) in SIDES[up].items():
+@pytest.mark.parametrize(("up", "front"), [((0, 1, 0), (0, 0, 1)), ((0, 0, 2), (0, -1, 0))])
+def test_a_standard_view_is_from_its_side(up, front):
+    points, above, front = cloud(0), np.array(up) / np.linalg.norm(up), np.array(front)
+    right = np.array((1, 0, 0))
+    sides = {
+        "front": front, "right": right, "back": -front, "left": -right, "top": above, "bottom": -above,
+        "iso": (front + right + above) / np.sqrt(3),
+    }  # fmt: skip
+    assert tuple(sides) == STANDARD_VIEWS
+    for side, towards in sides.items():
         camera = frame_mesh(mesh_of(points), aspect=1.5, up=up, side=side)
         np.testing.assert_allclose(-camera.axes()[2], towards, atol=1e-12)
-        np.testing.assert_allclose(camera.up, picture_up)
+        np.testing.assert_allclose(camera.up, {"top": -front, "bottom": front}.get(side, up))
         found, depth = places(camera, points, 1.5)
         assert depth.min() > 0
-        assert np.abs(found).max() < 0.9401
-        assert np.ptp(found, axis=0).max() > 1.85
+        assert 1.85 / 2 < np.abs(found).max() < 0.9401
         # The sky is above, also in the view from the top.
-        assert (sky_direction(View(side=side, up=up), camera) == np.array(up) / np.linalg.norm(up)).all()
-
-
-def test_sizes_of_sides_are_those_of_the_box():
-    across, high, deep = np.ptp(cloud(0), axis=0)
-    bounds = SceneBounds.of_mesh(mesh_of(cloud(0)))
-    for side, size in {"front": (across, high), "left": (deep, high), "top": (across, deep)}.items():
-        np.testing.assert_allclose(measure_side(bounds, side), size, rtol=1e-6)
+        assert (sky_direction(View(side=side, up=up), camera) == above).all()
+    # The automatic view is from the front, a little from the right and above.
+    towards = -frame_mesh(mesh_of(points), aspect=1, up=up).axes()[2]
+    assert towards @ front > towards @ right > towards @ above > 0.2
 
 
 def test_a_renderer_takes_one_side_after_the_other(mesh):
@@ -208,14 +177,10 @@ def box_of(bounds):
     return bounds.origin + bounds.local_box / bounds.scale
 
 
-def test_bounds_and_cameras_of_a_scene_are_those_of_all_its_vertices(monkeypatch):
-    read, reach_of = [], SceneBounds._reach_of
-    monkeypatch.setattr(SceneBounds, "_reach_of", lambda *arguments: read.append(1) or reach_of(*arguments))
+def test_bounds_and_cameras_of_a_scene_are_those_of_all_its_vertices():
     for count in (1, 7, 2000):
         ids, transforms, points = random_places(count, count, spread=count / 40 + 5)
-        read.clear()
         bounds = SceneBounds(SHAPES, ids, transforms)
-        assert len(read) < 60  # few of many are read
         np.testing.assert_allclose(box_of(bounds), [points.min(axis=0), points.max(axis=0)], rtol=0, atol=1e-10)
         for turns in (False, True):
             camera = frame_scene(bounds, aspect=1.5, up=SKEW, turns=turns)
@@ -225,12 +190,6 @@ def test_bounds_and_cameras_of_a_scene_are_those_of_all_its_vertices(monkeypatch
                 np.testing.assert_allclose(
                     getattr(camera, name), getattr(expected, name), rtol=0, atol=2e-6 / bounds.scale
                 )
-    # Without time for all vertices the boxes count.
-    monkeypatch.setattr(bounds_module, "_MOST_POINTS", -10_000_000)
-    exact, loose = box_of(bounds), box_of(SceneBounds(SHAPES, ids, transforms))
-    assert (loose[0] <= exact[0]).all()
-    assert (loose[1] >= exact[1]).all()
-    assert (np.ptp(loose, axis=0) < 2 * np.ptp(exact, axis=0)).all()
 
 
 @pytest.mark.parametrize("stretch", [1.0, 0.3])
@@ -251,12 +210,3 @@ def test_spheres_reach_as_far_as_their_surface(stretch):
     turned = [np.abs(places(first.orbit(angle), points, 1.5)[0]).max() for angle in range(0, 360, 45)]
     # A stretched sphere counts as one around it.
     assert (0.92 if stretch == 1 else 0.7) < max(turned) < 0.9401
-
-
-def test_a_ball_reaches_at_most_as_far_as_is_said():
-    generator = np.random.default_rng(5)
-    axis = np.array([0.0, 0.6, 0.8])
-    reaches = Reaches(np.outer(generator.normal(size=6), axis), generator.uniform(0, 1, 6), axis)
-    linear, points = generator.normal(size=(3, 3)), generator.normal(size=(20_000, 3))
-    points /= np.linalg.norm(points, axis=1, keepdims=True)
-    assert (reaches.of_points(points, linear, np.zeros(3)).max(axis=1) <= reaches.of_ball(linear)).all()

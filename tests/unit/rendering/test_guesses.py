@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,20 +44,18 @@ def box_of(bounds):
 
 
 LEGS = [(CREATE.box((0.1, 0.1, 1)), (x, y, 0.5)) for x in (-1, 1) for y in (-1, 1)]
-STANDING = {
-    "cone": as_mesh(CREATE.cone(1, 2)),
-    "cylinder": as_mesh(CREATE.cylinder(1, 2)),
-    "ring": as_mesh(CREATE.torus(1, 0.3)),
-    "plate": as_mesh(CREATE.box((3, 2, 0.1))),
-    "table": joined(*LEGS, (CREATE.box((2.4, 2.4, 0.1)), (0, 0, 1))),
-}
+CONE = as_mesh(CREATE.cone(1, 2))
+STANDING = [
+    CONE, as_mesh(CREATE.cylinder(1, 2)), as_mesh(CREATE.torus(1, 0.3)), as_mesh(CREATE.box((3, 2, 0.1))),
+    joined(*LEGS, (CREATE.box((2.4, 2.4, 0.1)), (0, 0, 1))),
+]  # fmt: skip
 
 
 def test_a_mesh_stands_on_its_base_either_way():
-    for name, mesh in STANDING.items():
+    for mesh in STANDING:
         for unit in (1e-30, 1, 1e30):
-            assert guess(mesh.with_vertices(mesh.vertices * unit), "obj").vector == Z_UP, name
-            assert guess(mesh.with_vertices(mesh.vertices @ TURN.T * unit), "stl").vector == Y_UP, name
+            assert guess(mesh.with_vertices(mesh.vertices * unit), "obj").vector == Z_UP
+            assert guess(mesh.with_vertices(mesh.vertices @ TURN.T * unit), "stl").vector == Y_UP
     cone = as_mesh(CREATE.cone(1, 2, sections=2000))
     strays = len(cone.vertices) + np.arange(3)
     vertices, faces = np.vstack((cone.vertices, [[0, 0, -90]] * 3)), np.vstack((cone.faces, strays))
@@ -75,7 +71,7 @@ def test_the_format_decides_where_the_shape_does_not():
             assert vector == up, kind
             assert note is None if up == Y_UP else note.startswith("z is up: most ")
     for kind in ("glb", "gltf"):
-        assert guess(STANDING["cone"], kind) == (Y_UP, None)
+        assert guess(CONE, kind) == (Y_UP, None)
     for seed in range(10):
         spheres = clbvh.Spheres(np.random.default_rng([86, seed]).random((30, 3)), 0.05)
         assert guess_up(SceneBounds((spheres,), np.zeros(1, int), np.eye(4)[None])) == (Y_UP, None)
@@ -88,14 +84,11 @@ def test_an_eye_straight_above_has_the_other_axis():
     assert guess_up(bounds, (0, 9, 1)).vector == Y_UP
 
 
-@pytest.mark.parametrize("name", ["bun_zipper.ply", "dragon_871k.ply"])
-def test_scans_that_stand_are_recognised_in_any_format(name):
-    path = Path(os.environ.get("CLBVH_MESHES", ""), name)
-    if not path.is_file():
-        pytest.skip(f"CLBVH_MESHES has no {name}")
-    mesh = clbvh.load_mesh(path)
-    assert guess(mesh, "stl").vector == Y_UP
-    assert guess(mesh.with_vertices(mesh.vertices @ TURN), "obj").vector == Z_UP
+def test_scans_that_stand_are_recognised_in_any_format(real_mesh_path):
+    for name in ("bun_zipper.ply", "dragon_871k.ply"):
+        mesh = clbvh.load_mesh(real_mesh_path(name))
+        assert guess(mesh, "stl").vector == Y_UP
+        assert guess(mesh.with_vertices(mesh.vertices @ TURN), "obj").vector == Z_UP
 
 
 def test_nothing_stands_on_a_tip_or_an_edge_by_a_habit():
@@ -146,11 +139,8 @@ def test_many_large_or_few_things_are_no_outliers():
     sizes = np.full((len(points), 1), 0.01)
     sizes[5] = 0.05
     assert not find(points, sizes)
-    for count in (1, 2, 50):
-        few = cloud(7, count)
-        few[0] += 1e6
-        assert not find(few)
-    assert not find(np.eye(1, 500).T * np.full(3, 9.0), 0.0)  # all others in one place
+    assert not find(np.diag([1e6, 0, 0]), 0.01)
+    assert not find(np.eye(500, 1) * np.full(3, 9.0), 0.0)  # all others in one place
 
 
 def test_the_gap_that_counts():
@@ -160,15 +150,6 @@ def test_the_gap_that_counts():
     for share, expected in ((0.99, []), (1.01, [0])):
         points[0] = [end + share * LEAST_GAP * diagonal, 0.2, 0.1]
         assert find(points) == expected
-
-
-def test_what_reaches_to_the_others_and_what_is_at_its_end_are_none():
-    lower = cloud(6)
-    upper = lower + 0.01
-    upper[7, 1] = 1000  # a mast, and a flag at its end
-    for each in (lower, upper):
-        each[8] += [0, 999, 0]
-    assert not find_outliers(lower, upper, np.ones(1000)).any()
 
 
 def test_the_outermost_of_a_galaxy_are_none():
@@ -194,23 +175,17 @@ def with_specks(*places):
     return clbvh.Mesh.from_arrays(np.vstack((BALL.vertices, corners)), np.vstack((BALL.faces, faces)))
 
 
-OUTLIERS = {
-    "one": [(90, 0, 0)],
-    "cluster": [(40, 40, place) for place in np.linspace(-5, 5, 12)],
-    "very far on both sides": [(1e6, 1e6, 1e6), (-60, 3, 0)],
-}
-
-
-@pytest.mark.parametrize("name", OUTLIERS)
-def test_a_mesh_is_framed_without_its_outliers(name):
-    mesh, count = with_specks(*OUTLIERS[name]), len(OUTLIERS[name])
-    # Alone, and as the only instance of a scene.
-    scene = clbvh.Scene()
-    scene.place(scene.add(mesh), clbvh.Transform(translate=(3, 0, 0)))
-    for bounds, middle in ((SceneBounds.of_mesh(mesh), 0), (bounds_of(scene), 3)):
-        framed = frame_without_outliers(bounds)
-        assert f"{count} of {mesh.face_count:,} triangle" in framed.note
-        np.testing.assert_allclose(box_of(framed.bounds), [[middle - 1, -1, -1], [middle + 1, 1, 1]], atol=0.1)
+def test_a_mesh_is_framed_without_its_outliers():
+    cluster = [(40, 40, place) for place in np.linspace(-5, 5, 12)]
+    for specks in ([(90, 0, 0)], cluster, [(1e6, 1e6, 1e6), (-60, 3, 0)]):
+        mesh = with_specks(*specks)
+        # Alone, and as the only instance of a scene.
+        scene = clbvh.Scene()
+        scene.place(scene.add(mesh), clbvh.Transform(translate=(3, 0, 0)))
+        for bounds, middle in ((SceneBounds.of_mesh(mesh), 0), (bounds_of(scene), 3)):
+            framed = frame_without_outliers(bounds)
+            assert f"{len(specks)} of {mesh.face_count:,} triangle" in framed.note
+            np.testing.assert_allclose(box_of(framed.bounds), [[middle - 1, -1, -1], [middle + 1, 1, 1]], atol=0.1)
 
 
 def test_far_vertices_spheres_and_instances_are_left_out():
@@ -240,8 +215,6 @@ def test_ordinary_things_are_framed_as_a_whole():
         joined((CREATE.box((2, 2, 0.1)), here), (CREATE.icosphere(1, 0.05), (0, 0, 4))),
         joined((BALL, here), (BALL, (500, 0, 0))),
         joined((CREATE.box((1000, 1000, 0.1)), here), (CREATE.icosphere(4), (400, 300, 1))),
-        clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [9, 0, 0]], [[0, 1, 2]]),
-        clbvh.Mesh.from_arrays([[5, 5, 5]] * 3, [[0, 1, 2]]),
     ]
     wholes = [SceneBounds.of_mesh(mesh) for mesh in meshes]
     wholes += [bounds_of(clbvh.open_scene(name)[0]) for name in ("demo", "galaxy", "meadow", "palace", "weekend")]

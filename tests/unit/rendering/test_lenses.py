@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import trimesh
 from numpy.testing import assert_allclose
 
 from clbvh import Camera, Lens, SceneError
@@ -16,13 +15,10 @@ TIGHT = {"rtol": 0, "atol": 1e-14}
 # From the axes of a camera to those of OpenCV: x right, y down, z forward.
 TO_OPENCV = {"opencv": np.eye(3), "opengl": np.diag([1.0, -1.0, -1.0])}
 CENTRE = {"half": 0.5, "integer": 0.0}
-LENSES = {
-    "barrel": (-0.3, 0.09, 0.0, 0.0, 0.0),
-    "pincushion": (0.4, 0.2, 0.0, 0.0, 0.1),
-    "tangential": (0.0, 0.0, 0.02, -0.015, 0.0),
-    "all": (-0.28, 0.11, 0.003, -0.004, -0.02),
-    "moustache": (-0.2, 0.4, 0.0, 0.001, -0.1),
-}
+LENSES = [
+    (-0.3, 0.09, 0.0, 0.0, 0.0), (0.4, 0.2, 0.0, 0.0, 0.1), (0.0, 0.0, 0.02, -0.015, 0.0),
+    (-0.2, 0.4, 0.0, 0.001, -0.1), (-0.28, 0.11, 0.003, -0.004, -0.02),
+]  # fmt: skip
 
 
 def make_pose(seed: int, distance: float = 10.0) -> np.ndarray:
@@ -49,40 +45,20 @@ def expected_directions(pose, convention="opencv", pixel_centres="half"):
 @pytest.mark.parametrize("pixel_centres", CENTRE)
 @pytest.mark.parametrize("convention", TO_OPENCV)
 def test_rays_are_those_of_the_formula_and_matrix_and_pose_come_back(convention, pixel_centres):
-    camera = Camera.from_intrinsics(K, POSE, SIZE, convention, pixel_centres=pixel_centres)
-    origins, directions = camera.rays()
-    assert_allclose(directions, expected_directions(POSE, convention, pixel_centres), **TIGHT)
-    assert (origins == POSE[:3, 3]).all()
-    assert_allclose(camera.intrinsics(pixel_centres=pixel_centres), K, rtol=1e-15)
-    assert_allclose(camera.camera_to_world(convention), POSE, **TIGHT)
-
-
-def test_a_far_eye_does_not_turn_the_camera():
-    for distance in (1e-30, 1e6, 1e30):
-        pose = make_pose(5, distance)
-        assert_allclose(Camera.from_intrinsics(K, pose, SIZE).rays()[1], expected_directions(pose), **TIGHT)
-
-
-def test_rays_are_those_of_trimesh():
-    scene = trimesh.Scene(trimesh.creation.box())
-    scene.camera = trimesh.scene.cameras.Camera(resolution=SIZE, fov=(60, 45))
-    scene.camera_transform = POSE
-    origins, directions, pixels = scene.camera_rays()
-    ours = Camera.from_intrinsics(scene.camera.K, scene.camera_transform, SIZE, "opengl").rays()
-    column, row = pixels[:, 0], SIZE[1] - 1 - pixels[:, 1]  # trimesh counts rows from the bottom
-    assert_allclose(ours[0][row, column], origins, **TIGHT)
-    assert_allclose(ours[1][row, column], directions, **TIGHT)
-
-
-def test_a_camera_with_a_field_of_view_has_a_matrix_and_a_pose():
-    camera = Camera((3, 2, 5), (0.5, -1, 0), up=(0.2, 1, 0), fov=50)
-    again = Camera.from_intrinsics(camera.intrinsics(*SIZE), camera.camera_to_world("opengl"), SIZE, "opengl")
-    assert_allclose(again.rays()[1], camera.rays(*SIZE)[1], **TIGHT)
-    assert again.fov == pytest.approx(50, abs=1e-12)
+    # A far eye does not turn the camera.
+    for pose in (POSE, make_pose(5, 1e-30), make_pose(6, 1e30)):
+        camera = Camera.from_intrinsics(K, pose, SIZE, convention, pixel_centres=pixel_centres)
+        origins, directions = camera.rays()
+        assert_allclose(directions, expected_directions(pose, convention, pixel_centres), **TIGHT)
+        assert (origins == pose[:3, 3]).all()
+        assert_allclose(camera.intrinsics(pixel_centres=pixel_centres), K, rtol=1e-15)
+        assert_allclose(camera.camera_to_world(convention)[:3, :3], pose[:3, :3], **TIGHT)
+    rounded = Camera.from_intrinsics(K, POSE.round(5), SIZE)
+    assert_allclose(np.linalg.norm(rounded.axes(), axis=1), 1, rtol=1e-15)
 
 
 def test_a_picture_of_another_size_and_the_same_aspect_ratio_shows_the_same():
-    distorted = Camera.from_intrinsics(K, POSE, SIZE, distortion=LENSES["all"])
+    distorted = Camera.from_intrinsics(K, POSE, SIZE, distortion=LENSES[-1])
     whole, half = distorted.rays_at([[10, 20], [60, 40]])[1], distorted.rays_at([[5, 10], [30, 20]], 32, 24)[1]
     assert_allclose(half, whole, **TIGHT)
     camera = Camera.from_intrinsics(K, POSE, SIZE)
@@ -92,15 +68,8 @@ def test_a_picture_of_another_size_and_the_same_aspect_ratio_shows_the_same():
         assert (camera.rays(width=width)[1] == camera.rays(height=height)[1]).all()
     odd = Camera.from_intrinsics([[700, 0, 610], [0, 700, 170], [0, 0, 1]], np.eye(4), (1241, 376))
     assert odd.rays(620, 188)[1].shape == (188, 620, 3)
-    for size in ((64, 64), (800, 450), (64, 40)):
-        with pytest.raises(SceneError, match=rf"64 x 48, and {size[0]} x {size[1]} has another aspect ratio"):
-            camera.rays(*size)
-
-
-def test_a_pose_of_rounded_numbers_is_corrected():
-    rounded = Camera.from_intrinsics(K, POSE.round(5), SIZE)
-    assert_allclose(np.linalg.norm(rounded.axes(), axis=1), 1, rtol=1e-15)
-    assert_allclose(rounded.camera_to_world()[:3, :3], POSE[:3, :3], rtol=0, atol=2e-5)
+    with pytest.raises(SceneError, match="64 x 48, and 64 x 40 has another aspect ratio"):
+        camera.rays(64, 40)
 
 
 def changed(row, column, value, matrix=K):
@@ -136,46 +105,38 @@ def test_matrices_poses_and_sizes_of_no_camera_are_refused():
         Camera.from_intrinsics(K, POSE, SIZE, pixel_centres="corner")
 
 
-def project_as_opencv(points, world_to_camera, distortion):
-    """`cv2.projectPoints`, by the formula in OpenCV's documentation of calib3d: pixels, and the depths."""
-    x, y, z = (points @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]).T
-    x, y = x / z, y / z
-    k1, k2, p1, p2, k3 = distortion
+WIDE = np.array([[60.0, 2.0, 29.0], [0, 57.0, 26.0], [0, 0, 1]])
+
+
+@pytest.mark.parametrize("distortion", LENSES)
+def test_distortion_is_that_of_opencv_both_ways(distortion):
+    camera = Camera.from_intrinsics(WIDE, POSE, SIZE, distortion=distortion)
+    inside = np.random.default_rng(2).uniform(0, SIZE, (500, 2))
+    origins, directions = camera.rays_at(inside)
+    points = origins + directions * 7
+    # `cv2.projectPoints`, by the formula in OpenCV's documentation of calib3d.
+    x, y, z = ((points - POSE[:3, 3]) @ POSE[:3, :3]).T
+    x, y, (k1, k2, p1, p2, k3) = x / z, y / z, distortion
     r2 = x**2 + y**2
     radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
     shown_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
     shown_y = y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
-    homogeneous = np.stack((shown_x, shown_y, np.ones_like(x)), axis=-1) @ WIDE.T
-    return homogeneous[:, :2], z
-
-
-WIDE = np.array([[60.0, 2.0, 29.0], [0, 57.0, 26.0], [0, 0, 1]])
-
-
-@pytest.mark.parametrize("name", LENSES)
-def test_distortion_is_that_of_opencv_both_ways(name):
-    camera = Camera.from_intrinsics(WIDE, POSE, SIZE, distortion=LENSES[name])
-    inside = np.random.default_rng(2).uniform(0, SIZE, (500, 2))
-    origins, directions = camera.rays_at(inside)
-    points = origins + directions * 7
-    expected, depth = project_as_opencv(points, np.linalg.inv(POSE), LENSES[name])
+    expected = (np.stack((shown_x, shown_y, np.ones_like(x)), axis=-1) @ WIDE.T)[:, :2]
     pixels, depths = camera.project(points)
     assert_allclose(pixels, expected, rtol=0, atol=1e-9)
     assert_allclose(pixels, inside, rtol=0, atol=1e-8)
-    assert_allclose(depths, depth, rtol=1e-12)
-    assert camera.lens.resized(128, 96).distortion == LENSES[name]
+    assert_allclose(depths, z, rtol=1e-12)
+    assert camera.lens.resized(128, 96).distortion == distortion
 
 
-def test_coefficients_come_in_the_shapes_of_opencv_and_others_are_refused():
-    plain = Camera.from_intrinsics(WIDE, POSE, SIZE)
-    assert Camera.from_intrinsics(WIDE, POSE, SIZE, distortion=np.zeros((1, 5))) == plain
+def test_coefficients_come_in_the_shapes_of_opencv():
     values = (-0.28, 0.11, 0.003, -0.004, 0.0)
-    for shape in ((5,), (1, 5), (5, 1), (4,), (1, 4)):
-        camera = Camera.from_intrinsics(WIDE, POSE, SIZE, distortion=np.reshape(values[: max(shape)], shape))
-        assert camera.lens.distortion == values
-    for wrong in ((0.1,), (0.1, 0, 0), np.zeros(8) + 0.1, (np.nan, 0, 0, 0), "abcd"):
+    for shape in ((5,), (1, 5), (5, 1), (4,)):
+        assert Lens.from_matrix(WIDE, SIZE, distortion=np.reshape(values[: max(shape)], shape)).distortion == values
+    assert Lens.from_matrix(WIDE, SIZE, distortion=np.zeros((1, 5))).distortion is None
+    for wrong in ((0.1,), np.zeros(8) + 0.1, (np.nan, 0, 0, 0), "abcd"):
         with pytest.raises(SceneError, match="k1, k2, p1, p2"):
-            Camera.from_intrinsics(WIDE, POSE, SIZE, distortion=wrong)
+            Lens.from_matrix(WIDE, SIZE, distortion=wrong)
 
 
 def test_a_distortion_that_folds_inside_the_picture_is_refused():
