@@ -41,11 +41,12 @@ def any_number_here(monkeypatch):
 def launches(monkeypatch, host_casts_few):
     """The names of the kernels that are started from now on."""
     names, run = [], DeviceSession.run
-    monkeypatch.setattr(
-        DeviceSession, "run", lambda self, kernel, *rest, **named: (
-            names.append(kernel.name), run(self, kernel, *rest, **named)
-        )[1],
-    )  # fmt: skip
+
+    def record(session, kernel, *arguments, **named):
+        names.append(kernel.name)
+        run(session, kernel, *arguments, **named)
+
+    monkeypatch.setattr(DeviceSession, "run", record)
     return names
 
 
@@ -76,10 +77,8 @@ def test_hard_rays_have_the_bits_of_the_device(open_tracer, mesh, rays, any_numb
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("seed", range(2))
 def test_equal_and_degenerate_triangles_have_the_bits_of_the_device(session, any_number_here, layout, seed):
-    soup, generator = (
-        make_soup(400, seed=seed, grid=12, size=6, copies=0.4, degenerate=0.2),
-        np.random.default_rng(seed),
-    )
+    soup = make_soup(400, seed=seed, grid=12, size=6, copies=0.4, degenerate=0.2)
+    generator = np.random.default_rng(seed)
     midpoints = edge_midpoints(soup)[:500]
     parts = [random_rays(soup, 500, generator), axis_rays(soup, 500, generator)]
     parts.append(aim(generator.uniform(-5, 20, midpoints.shape), midpoints))

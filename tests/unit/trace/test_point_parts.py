@@ -51,27 +51,22 @@ def test_no_face_faces_more_directly(session, shape, is_soup):
 
 
 def test_the_face_that_faces_special_points():
-    ball, corner = make_shape("icosphere", triangles=80), [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    ball, corner = make_shape("icosphere", triangles=80), np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     sheet = Mesh.from_arrays(corner[:3], [[0, 1, 2], [0, 2, 1]])
-    square = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
     on_ball = int(np.flatnonzero((ball.faces == 0).any(axis=1)).max())
-
-    def over_a_corner(scale):
-        mesh = Mesh.from_arrays(np.array(corner) * scale, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-        return mesh, [0.1 * scale, 0.2 * scale, 3 * scale], [0, 0, scale], 1
-
-    for mesh, point, nearest, face, expected in (
-        (sheet, [0.2, 0.2, 1.0], [0.2, 0.2, 0], 0, 0),
-        (sheet, [0.2, 0.2, -1.0], [0.2, 0.2, 0], 0, 1),
-        (square, [0.5, 0.5, 2.0], [0.5, 0.5, 0], 1, 0),  # of faces in one plane, the smallest number
-        (ball, ball.vertices[0], ball.vertices[0], on_ball, on_ball),
-        (ball, [3.0, 0, 0], [np.nan] * 3, -1, -1),
-        *((ball, [far, 0, 0], ball.vertices[0], 3, 3) for far in (1e10, 1e200, 1e300)),
+    tetrahedra = [
+        Mesh.from_arrays(corner * scale, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]) for scale in (1e100, 1e-100)
+    ]
+    for mesh, point, nearest, distance, face, expected in (
+        (sheet, [0.2, 0.2, 1.0], [0.2, 0.2, 0], 1.0, 0, 0),
+        (sheet, [0.2, 0.2, -1.0], [0.2, 0.2, 0], 1.0, 0, 1),
+        (ball, ball.vertices[0], ball.vertices[0], 0.0, on_ball, on_ball),
+        (ball, [3.0, 0, 0], [np.nan] * 3, np.inf, -1, -1),
+        (ball, [1e300, 0, 0], ball.vertices[0], 1e300, 3, 3),
         # Above the tolerance faces are chosen whatever the size.
-        *((*over_a_corner(scale), 3) for scale in (1e20, 1e100)),
-        *((*over_a_corner(scale), 1) for scale in (1e-20, 1e-100)),
+        (tetrahedra[0], [1e99, 2e99, 3e100], [0, 0, 1e100], 2.0124612e100, 1, 3),
+        (tetrahedra[1], [1e-101, 2e-101, 3e-100], [0, 0, 1e-100], 2.0124612e-100, 1, 1),
     ):
-        distance = np.linalg.norm(np.subtract(point, nearest) / 1e200) * 1e200 if face >= 0 else np.inf
         found = ClosestPoints(np.array([distance]), np.array([nearest], float), np.array([face], np.int32))
         assert choose(mesh, np.array([point], float), found).prim_id.tolist() == [expected], (point, face)
 

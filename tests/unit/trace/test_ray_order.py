@@ -144,12 +144,12 @@ def test_no_answer_depends_on_it(tracer, rays, monkeypatch):
     assert len(orders) >= 5
 
 
-@pytest.mark.parametrize("query", ["closest_hit", "all_hits"])
-def test_the_first_bad_ray_is_named_in_any_order(tracer, query):
+def test_the_first_bad_ray_is_named_in_any_order(tracer):
     origins, directions = rays_in_no_order("scattered")
     origins[[70000, 90000]], directions[80000] = np.nan, 0.0
-    with pytest.raises(QueryError, match=r"origins\[70000\] is not finite"):
-        getattr(tracer, query)(origins, directions)
+    for query in (tracer.closest_hit, tracer.all_hits):
+        with pytest.raises(QueryError, match=r"origins\[70000\] is not finite"):
+            query(origins, directions)
 
 
 @pytest.fixture(scope="module")

@@ -74,21 +74,6 @@ def test_axis_parallel_rays_visit_no_more_than_slightly_turned_ones(count, name)
     assert visits[0] <= 1.1 * visits[1]
 
 
-@pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
-def test_the_tree_of_an_instance_is_that_of_its_shape(count, mesh, layout):
-    """Behind the only instance's box, the steps are those through the mesh, and one over the instance."""
-    generator = np.random.default_rng(3)
-    origins, targets = generator.normal(size=(2, 500, 3))
-    origins *= 4 / np.linalg.norm(origins, axis=1)[:, None]
-    steps = count(make_state([mesh], (0, affine((2, 2, 2)))), 2 * origins, 2 * (targets - origins), layout)
-    alone = count(build(mesh), origins, targets - origins, layout)
-    entered = steps["node_steps"] > 1
-    assert entered.sum() > 100
-    np.testing.assert_array_equal(steps["node_steps"][entered], 1 + alone["node_steps"][entered])
-    for field in FIELDS:
-        np.testing.assert_array_equal(steps[field], alone[field], field)
-
-
 def test_what_is_hit_in_a_scene_is_what_a_tracer_hits(count, open_tracer, world, rays):
     steps = count(world.snapshot(), *rays)
     np.testing.assert_array_equal(steps["prim_id"], open_tracer(world).closest_prim(*rays))

@@ -1,4 +1,4 @@
-"""A tracer from its opening to its end: batches of any number, little memory or none, times, and what is refused."""
+"""Memory of a tracer: of one chunk at most, in smaller pieces where there is little, and one error where none is."""
 
 import dataclasses
 import subprocess
@@ -27,9 +27,7 @@ RAY_QUERIES = ("closest_hit", "closest_prim", "any_hit", "count_hits", "all_hits
 
 @pytest.fixture(scope="module")
 def expected(tracer, rays):
-    hits = tracer.closest_hit(*rays)
-    assert 0.3 < hits.is_hit.mean() < 0.95
-    return hits
+    return tracer.closest_hit(*rays)
 
 
 def assert_same(obtained, expected, rows=slice(None)):
