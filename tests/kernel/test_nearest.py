@@ -185,19 +185,3 @@ def test_distances_of_what_an_instance_places(call, kind):
         centre = linear[i] @ inside[i] + offset[i]
         expected = distance_to_ellipsoid(np.zeros((1, 3)), centre, linear[i] * np.float64(radii[i]))[0]
         assert abs(to_sphere[i] - expected) <= 32 * ROUNDING * reach[i]
-
-
-def test_ellipsoids_of_any_shape(call):
-    generator = np.random.default_rng(1430)
-    lengths = (10.0 ** generator.uniform(-4, 0, (PLACES, 3))).astype(np.float32)
-    positions = np.abs(generator.normal(size=(PLACES, 3)) * 10.0 ** generator.uniform(-6, 1, (PLACES, 1)))
-    positions[::4, 0] = positions[::5, 1] = positions[::6, 2] = 0
-    positions = positions.astype(np.float32)
-    body = "square = distance_squared_to_ellipsoid(position, lengths);"
-    rows = {"position": positions, "lengths": lengths}
-    squares = call("nearest/ellipsoid.cl", body, "float square", **rows, defines=DEFINES)
-    for i in range(0, PLACES, 4):
-        axes = np.diag(np.float64(lengths[i]))
-        expected = distance_to_ellipsoid(positions[i : i + 1].astype(np.float64), np.zeros(3), axes)[0]
-        reach = np.float64(max(lengths[i].max(), positions[i].max()))
-        assert abs(np.sqrt(np.float64(squares[i])) - expected) <= 32 * ROUNDING * reach

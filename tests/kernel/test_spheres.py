@@ -1,17 +1,13 @@
-"""Spheres: crossings by the formula, limits, touching rays, small ones far away; and trees over them in all layouts."""
+"""The sphere test: formula, limits, starts inside, touching rays, sizes, and small spheres far away."""
 
 import numpy as np
 import pytest
 
-from clbvh import BuildOptions
-from clbvh.builders.build import build_tree
-from clbvh.layouts.device_arrays import make_device_arrays
-from clbvh.layouts.leaf_blocks import gather_blocks
-from clbvh.structs import BVH2_NODE, LAYOUT_WIDTHS, NO_PRIM, SPHERE
+from clbvh.structs import NO_PRIM, SPHERE
 
 from ..profiles import seeds
 from ..rays import as_float32
-from ..spheres import make_spheres, sphere_rays, spheres_as_on_device
+from ..spheres import make_spheres
 from .programs import make_rays
 
 COUNT = 40_000
@@ -139,85 +135,3 @@ def test_spheres_behind_and_rays_that_are_no_rays_cross_nothing(cross):
     directions = [[0, 0, 1], [0, 0, 1], [0, 0, 1], [0, np.nan, 1], [1, 1, 1], [0, 0, 1]]
     _, counts = cross(origins, directions, [0, 0, 0], [0.5, 0.5, 0.5, 0.5, 1e-38, np.nan])
     assert counts.tolist() == [0] * 6
-
-
-SLOTS = 6
-TRACE = f"""
-    const ray_t unpacked = unpack_ray(ray);
-    const global block_t *blocks = (const global block_t *)spheres;
-    search_t closest_search = make_search(1, 0);
-    closest_search.kind = KIND_SPHERES;
-    traverse(nodes, nodes, blocks, sphere_count, &unpacked, &closest_search, QUERY_CLOSEST);
-    closest = as_hit(&closest_search.nearest);
-
-    search_t count_search = make_search(INT_MAX, 0);
-    count_search.kind = KIND_SPHERES;
-    traverse(nodes, nodes, blocks, sphere_count, &unpacked, &count_search, QUERY_COUNT);
-    number = count_search.count;
-
-    search_t first_search = make_search({SLOTS}, hits);
-    first_search.kind = KIND_SPHERES;
-    traverse(nodes, nodes, blocks, sphere_count, &unpacked, &first_search, QUERY_FIRST);
-    sort_hits(&first_search);
-
-    nearest_t nearest_search = make_nearest(make_lone_metric(unpacked.origin), KIND_SPHERES);
-    find_nearest(nodes, blocks, sphere_count, &nearest_search);
-    nearest = nearest_search.prim_id;
-"""
-
-
-def trace_all_layouts(call, spheres, rays, **options):
-    """Closest hits, counts, first hits, and the spheres nearest to the origins: in all layouts those of no tree."""
-
-    def trace(nodes, blocks, layout):
-        count = np.full(len(rays), spheres.prim_count)
-        includes, outputs = (
-            "nearest/nearest.cl traversal/traverse.cl",
-            f"hit_t closest, int number, hit_t hits[{SLOTS}]",
-        )
-        return call(includes, TRACE, f"{outputs}, int nearest", ray=rays, sphere_count=count, layout=layout,
-                    tables={"nodes": nodes, "spheres": blocks}, defines=DEFINES)  # fmt: skip
-
-    all_spheres = gather_blocks(spheres, np.arange(spheres.prim_count, dtype=np.int32).reshape(-1, 1))
-    expected = trace(np.zeros(1, BVH2_NODE), all_spheres, "brute")
-    bvh = build_tree(spheres, "sah", None, BuildOptions(**options))
-    for layout in LAYOUT_WIDTHS:
-        arrays = make_device_arrays(bvh, layout)
-        for found, wanted in zip(trace(arrays.nodes, arrays.blocks, layout), expected, strict=True):
-            np.testing.assert_array_equal(found, wanted, err_msg=layout)
-    return expected
-
-
-TREES = {
-    "many sizes": (300, (-3, -0.5), {}),
-    "tiny": (2000, (-6, -2), {}),
-    "all sizes, single leaves": (200, (-12, 0), {"leaf_size": 1}),
-    "large leaves": (600, (-3, -0.5), {"leaf_size": 255, "traversal_cost": 1000.0}),
-    "one leaf": (3, (-1, -0.5), {"traversal_cost": 100.0}),
-}
-
-
-@pytest.mark.parametrize("name", TREES)
-def test_trees_change_no_hit(call, name):
-    count, sizes, options = TREES[name]
-    generator = np.random.default_rng([91, count])
-    spheres = make_spheres(count, generator, sizes)
-    rays = sphere_rays(spheres, 10_000, generator)
-    closest, counts, first, nearest = trace_all_layouts(call, spheres, make_rays(*rays), **options)
-    assert 0.3 < (closest["prim_id"] != NO_PRIM).mean() < 1
-    assert (counts > SLOTS).any() or count in (3, 2000)
-    np.testing.assert_array_equal(first[counts > 0, 0], closest[counts > 0])
-    assert len(np.unique(nearest)) > 0.2 * count
-    t_min, t_max = generator.uniform(0, 1, len(rays[0])), generator.uniform(0.5, 2, len(rays[0]))
-    closest, *_ = trace_all_layouts(call, spheres, make_rays(*rays, t_min, t_max), **options)
-    t = closest["t"][found := closest["prim_id"] != NO_PRIM]
-    assert ((t >= t_min[found].astype(np.float32)) & (t <= t_max[found].astype(np.float32))).all()
-
-
-def test_equal_spheres_are_ordered_by_their_ids(call):
-    spheres = spheres_as_on_device(np.zeros((20, 3)), 0.5)
-    rays = make_rays([[0.1, 0.2, -3], [0, 0, 0]], [0, 0, 1])
-    closest, counts, first, nearest = trace_all_layouts(call, spheres, rays)
-    assert (counts.tolist(), closest["prim_id"].tolist(), nearest.tolist()) == ([40, 20], [0, 0], [0, 0])
-    assert first["prim_id"].tolist() == [list(range(SLOTS))] * 2
-    assert (first["u"] == [[ENTERS], [LEAVES]]).all()

@@ -79,13 +79,6 @@ def test_limits_cut_both_ends(session, mesh, rays):
     assert 0 < len(kept) < len(everything["all_hits"])
 
 
-@pytest.mark.parametrize("leaf_size", [1, 15, 255])
-def test_leaves_of_any_size(session, mesh, rays, leaf_size):
-    bvh = build(mesh, leaf_size=leaf_size, traversal_cost=1000 if leaf_size > 2 else 1)
-    assert bvh.nodes["count"].max() > 0.5 * leaf_size
-    check_layouts(session, mesh, bvh, rays)
-
-
 def grid_soup():
     """Equal triangles, equal distances, degenerate triangles, flat boxes: all ties there are."""
     return centred(make_soup(600, seed=3, grid=6, size=3, copies=0.3, degenerate=0.2))

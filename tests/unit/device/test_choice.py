@@ -68,11 +68,6 @@ def test_measured_devices_take_each_others_places():
     assert names_of(ordered) == names_of([UHD, POCL_6, OCLGRIND])
 
 
-def test_a_device_that_says_it_is_not_available_is_the_last_choice():
-    broken = made_up.make_device("NVIDIA GeForce RTX 4090", "gpu", "NVIDIA CUDA", is_available=False)
-    assert pick_device(number_devices([broken, POCL_3], lambda _: 1.0), None).name == POCL_3.name
-
-
 MACHINE = number_devices([RADEON, GEFORCE, IRIS, BOARD, INTEL_CPU, POCL_6, POCL_3])
 MEANINGS = [
     *((MACHINE, word, GEFORCE) for word in (None, 0, "gpu", "GPU", "geforce", "NVIDIA", "cuda", "4090")),

@@ -27,11 +27,9 @@ from clbvh.device.driver_files import (
     find_bundled_folder,
     find_folders,
     find_registered_folder,
-    read_driver_files,
 )
 from clbvh.device.pocl_cpu_name import choose_name, name_unknown_cpu
 from clbvh.device.probe import ProbeResult, run_probe
-from clbvh.errors import ConfigError
 
 from .made_up_devices import GEFORCE, POCL_3
 
@@ -108,34 +106,16 @@ def test_libraries_that_no_driver_file_names_are_found_once(drivers, tmp_path):
     assert find_unregistered([DriverFile(tmp_path / "a.icd", "libintelocl.so.2026")]) == [(nvidia, "nvidia.icd")]
 
 
-def test_a_driver_that_works_is_registered_once(drivers, tmp_path):
-    library = str(tmp_path / "lib/libintelocl.so")
-    (step,) = register_drivers(TIMEOUT_S, dry_run=True)
-    assert (step.action, step.path, step.library, step.reason) == ("write", drivers / "intel64.icd", library, "Xeon")
-    assert not drivers.exists()
-    assert register_drivers(TIMEOUT_S, dry_run=False) == [step]
-    assert step.path.read_text() == f"{library}\n"
-    assert register_drivers(TIMEOUT_S, dry_run=False) == []
-    # One whose library is gone is replaced.
-    step.path.write_text("/gone/libintelocl.so\n")
-    assert register_drivers(TIMEOUT_S, dry_run=False) == [step]
-    assert [file.read_text() for file in drivers.iterdir()] == [f"{library}\n"]
-
-
-def test_a_driver_that_does_not_work_is_left_alone_with_the_reason(drivers, monkeypatch):
+def test_a_registration_whose_library_is_gone_is_replaced_but_not_by_a_driver_that_does_not_work(drivers, monkeypatch):
+    drivers.mkdir()
+    (drivers / "intel64.icd").write_text("/gone/libintelocl.so\n")
+    (step,) = register_drivers(TIMEOUT_S, dry_run=False)
+    assert (step.action, step.path, step.path.read_text()) == ("write", drivers / "intel64.icd", f"{step.library}\n")
+    step.path.unlink()
     monkeypatch.setattr(doctor, "try_library", lambda *_: ([], "was killed by SIGSEGV"))
     (step,) = register_drivers(TIMEOUT_S, dry_run=False)
     assert (step.action, step.reason) == ("leave", "was killed by SIGSEGV")
-    assert not drivers.exists()
-
-
-def test_what_keeps_a_registration_from_counting_is_one_sentence(drivers, monkeypatch):
-    drivers.write_text("a file")
-    with pytest.raises(ConfigError, match="cannot be written"):
-        register_drivers(TIMEOUT_S, dry_run=False)
-    monkeypatch.setenv("OCL_ICD_VENDORS", "/somewhere")
-    with pytest.raises(ConfigError, match="OCL_ICD_VENDORS is set"):
-        register_drivers(TIMEOUT_S, dry_run=False)
+    assert list(drivers.iterdir()) == []
 
 
 def test_a_library_that_cannot_be_loaded_is_refused_with_what_brings_the_missing(tmp_path, monkeypatch):
@@ -234,21 +214,6 @@ def test_the_folders_of_driver_files(own, tmp_path, monkeypatch):
     assert find_folders()[0] == tmp_path / "etc/OpenCL/vendors"
 
 
-def test_driver_files_are_read_as_the_loader_reads_them(own, tmp_path, monkeypatch):
-    monkeypatch.setenv("OCL_ICD_VENDORS", str(tmp_path / "system"))
-    (tmp_path / "bundled/libpocl.so").touch()
-    (tmp_path / "bundled/pocl.icd").write_text("libpocl.so\n")
-    (tmp_path / "system/odd.icd").write_text("liba.so \r\nsecond line\n")
-    (tmp_path / "system/folder.icd").mkdir()
-    assert [(file.path.name, file.library) for file in read_driver_files()] == [
-        ("bare.icd", "libbare.so.3"),
-        ("folder.icd", ""),
-        ("odd.icd", "liba.so \r"),
-        ("system.icd", f"{tmp_path}/libsystem.so.1"),
-        ("pocl.icd", str(tmp_path / "bundled/libpocl.so")),
-    ]
-
-
 LIST = """
 import os
 from clbvh.device.select import list_devices
@@ -330,20 +295,14 @@ cl.Program.__init__ = init
 NOISY = "platforms = cl.get_platforms\ncl.get_platforms = lambda: os.write(1, b'hello\\n') and platforms()\n"
 
 
-def test_a_driver_that_fails_at_its_end_hangs_computes_nothing_or_prints(break_pyopencl):
-    for code, words, timeout_s, failure in [
-        (
-            CRASH + "import atexit; atexit.register(crash)\n",
-            ("try", "0"),
-            60,
-            "answered, but then was killed by SIGSEGV",
-        ),
-        ("cl.get_platforms = lambda: time.sleep(600)\n", ("list",), 1.5, "did not answer within 1.5 s"),
-        (IDLE, ("try", "0"), 60, "computed 1025 of 1025 numbers wrong"),
-        (NOISY, ("list",), 60, ""),
+def test_a_driver_that_fails_at_its_end_computes_nothing_or_prints(break_pyopencl):
+    for code, words, failure in [
+        (CRASH + "import atexit; atexit.register(crash)\n", ("try", "0"), "answered, but then was killed by SIGSEGV"),
+        (IDLE, ("try", "0"), "computed 1025 of 1025 numbers wrong"),
+        (NOISY, ("list",), ""),
     ]:
         break_pyopencl(code)
-        assert run_probe(*words, timeout_s=timeout_s).failure == failure
+        assert run_probe(*words, timeout_s=TIMEOUT_S).failure == failure
 
 
 def make_record(*pointers):
