@@ -15,21 +15,17 @@ from .scene_states import affine, random_linear
 K = 6
 
 
-def make_scene():
-    """Meshes and spheres of all sizes, sheared and mirrored."""
-    generator, scene = np.random.default_rng(1450), Scene()
-    balls = scene.add(Spheres(generator.normal(size=(30, 3)), 10.0 ** generator.uniform(-2, -0.5, 30)))
-    knot = scene.add(make_shape("knot", triangles=170))
-    for index, size in enumerate((1, 1e-6, 1, 1e-3)):
-        linear = size * random_linear(generator)
-        scene.place(knot, affine(linear, (3 * index, 0, 0)), mask=1 << index)
-        scene.place(balls, affine(linear, (3 * index, 5 * (index % 2), 0)), mask=1 << index)
-    return scene
-
-
 @pytest.fixture(scope="module")
 def scene():
-    return make_scene()
+    """Meshes and spheres of all sizes, sheared and mirrored."""
+    generator, made = np.random.default_rng(1450), Scene()
+    balls = made.add(Spheres(generator.normal(size=(30, 3)), 10.0 ** generator.uniform(-2, -0.5, 30)))
+    knot = made.add(make_shape("knot", triangles=170))
+    for index, size in enumerate((1, 1e-6, 1, 1e-3)):
+        linear = size * random_linear(generator)
+        made.place(knot, affine(linear, (3 * index, 0, 0)), mask=1 << index)
+        made.place(balls, affine(linear, (3 * index, 5 * (index % 2), 0)), mask=1 << index)
+    return made
 
 
 @pytest.fixture(scope="module")
@@ -124,32 +120,30 @@ def test_shapes_and_what_is_refused(tracer):
         tracer.closest_points([[0, 0, 0], [0, np.nan, 0]], 3)
 
 
-class TestNearestVertices:
-    @pytest.mark.parametrize(("scale", "shift"), [(1, 0), (1e-100, 0), (1e-30, 1e3), (1e30, 0), (1e100, 1e3)])
-    def test_against_every_vertex(self, scale, shift):
-        """The first one of those at the smallest distance; those of no face count, too."""
-        soup, generator = make_soup(300, seed=71, copies=0.2), np.random.default_rng(72)
-        mesh = Mesh.from_arrays((np.append(soup.vertices, [[9, 9, 9]], axis=0) + shift) * scale, soup.faces)
-        close = soup.vertices[generator.integers(0, len(soup.vertices), 200)] + generator.normal(0, 1e-2, (200, 3))
-        points = (np.concatenate((close, generator.uniform(-2, 9, (200, 3)))) + shift) * scale
-        away = np.linalg.norm((points[:, None] - mesh.vertices) / scale, axis=2)
-        distance, vertex_id = find_nearest_vertices(build(mesh), points)
-        np.testing.assert_allclose(distance / scale, away.min(axis=1), rtol=1e-13)
-        np.testing.assert_array_equal(vertex_id, away.argmin(axis=1))
-        assert (vertex_id == len(soup.vertices)).any()
-        assert (distance.dtype, vertex_id.dtype) == (np.float64, np.int64)
+@pytest.mark.parametrize(("scale", "shift"), [(1, 0), (1e-100, 0), (1e-30, 1e3), (1e30, 0), (1e100, 1e3)])
+def test_the_nearest_vertex_is_the_first_one_at_the_smallest_distance(scale, shift):
+    """Those of no face count, too."""
+    soup, generator = make_soup(300, seed=71, copies=0.2), np.random.default_rng(72)
+    mesh = Mesh.from_arrays((np.append(soup.vertices, [[9, 9, 9]], axis=0) + shift) * scale, soup.faces)
+    close = soup.vertices[generator.integers(0, len(soup.vertices), 200)] + generator.normal(0, 1e-2, (200, 3))
+    points = (np.concatenate((close, generator.uniform(-2, 9, (200, 3)))) + shift) * scale
+    away = np.linalg.norm((points[:, None] - mesh.vertices) / scale, axis=2)
+    distance, vertex_id = find_nearest_vertices(build(mesh), points)
+    np.testing.assert_allclose(distance / scale, away.min(axis=1), rtol=1e-13)
+    np.testing.assert_array_equal(vertex_id, away.argmin(axis=1))
+    assert (vertex_id == len(soup.vertices)).any()
 
-    @pytest.mark.parametrize("far", [1e9, 1e20, 1e160, 1e300])
-    def test_far_away(self, far):
-        mesh, way = make_shape("icosphere", triangles=320), np.array([[0.3, -0.5, 0.8]])
-        distance, vertex_id = find_nearest_vertices(build(mesh), mesh.origin + way * far)
-        assert mesh.vertices[vertex_id[0]] @ way[0] >= (mesh.vertices @ way[0]).max() - 1e-4 * np.ptp(mesh.vertices)
-        np.testing.assert_allclose(distance, np.linalg.norm(way) * far, rtol=1e-6)
 
-    def test_any_number_of_points_in_threads(self, mesh):
-        points = np.random.default_rng(73).normal(size=(150_000, 3)) * np.ptp(mesh.vertices)
-        bvh = build(mesh)
-        whole = find_nearest_vertices(bvh, points)
-        parts = [find_nearest_vertices(bvh, part) for part in (points[:0], *np.array_split(points, 7))]
-        for array, pieces in zip(whole, zip(*parts, strict=True), strict=True):
-            np.testing.assert_array_equal(array, np.concatenate(pieces))
+@pytest.mark.parametrize("far", [1e9, 1e20, 1e160, 1e300])
+def test_the_nearest_vertex_of_a_far_point_reaches_furthest_towards_it(far):
+    mesh, way = make_shape("icosphere", triangles=320), np.array([[0.3, -0.5, 0.8]])
+    distance, vertex_id = find_nearest_vertices(build(mesh), mesh.origin + way * far)
+    assert mesh.vertices[vertex_id[0]] @ way[0] >= (mesh.vertices @ way[0]).max() - 1e-4 * np.ptp(mesh.vertices)
+    np.testing.assert_allclose(distance, np.linalg.norm(way) * far, rtol=1e-6)
+
+
+def test_nearest_vertices_of_any_number_of_points_in_threads(mesh):
+    points, bvh = np.random.default_rng(73).normal(size=(150_000, 3)) * np.ptp(mesh.vertices), build(mesh)
+    parts = [find_nearest_vertices(bvh, part) for part in (points[:0], *np.array_split(points, 7))]
+    for array, pieces in zip(find_nearest_vertices(bvh, points), zip(*parts, strict=True), strict=True):
+        np.testing.assert_array_equal(array, np.concatenate(pieces))

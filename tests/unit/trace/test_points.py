@@ -61,7 +61,15 @@ def test_points_and_sides_are_right(open_tracer, source, known):
     contains = tracer.contains(known.points)
     assert known.check_insides(contains, tracer.signed_distance(known.points)) > 0.5 * len(known.points)
     assert 0.05 < contains.mean() < 0.9
-    assert [array.dtype for array in (*closest, contains)] == [np.float64, np.float64, np.int32, np.bool_]
+    distance, point, prim_id = closest
+    assert [array.dtype for array in (distance, point, prim_id, contains)] == [
+        np.float64,
+        np.float64,
+        np.int32,
+        np.bool_,
+    ]
+    for again in (copy.copy(closest), pickle.loads(pickle.dumps(closest))):
+        assert (type(again), again.instance_id.tobytes()) == (type(closest), closest.instance_id.tobytes())
     # The points found are on the surface.
     on = SceneDistances(known.state, closest.point).to_instances[np.arange(len(known.points)), closest.instance_id]
     assert (on <= 1e-9 * known.reach).all()
@@ -126,8 +134,7 @@ def test_sizes_and_survey_coordinates(session):
             if source is knot:
                 moved = Mesh.from_arrays((knot.vertices + offset) * scale, knot.faces)
             else:
-                bases = [np.block([[row[:3, :3] * scale, ((row[:3, 3] + offset) * scale)[:, None]], [0, 0, 0, 1]])
-                         for row in state.transforms]  # fmt: skip
+                bases = [affine(row[:3, :3] * scale, (row[:3, 3] + offset) * scale) for row in state.transforms]
                 moved = place(*zip([knot, balls] * 2, bases, strict=True))
             with Tracer(moved, device=session.info) as tracer:
                 points = (known.points + offset) * scale
@@ -250,47 +257,32 @@ def test_an_open_mesh_is_told_once_and_answers_all_the_same(session, query):
             ask(tracer, points)
 
 
-def test_results_are_tuples_of_three_with_ids_that_can_be_copied(tracer):
-    closest = tracer.closest_point([[0, 0, 0], [1, 2, 3]])
-    distance, point, prim_id = closest
-    assert distance is closest.distance
-    assert (point.shape, prim_id.shape) == ((2, 3), (2,))
-    for again in (copy.copy(closest), pickle.loads(pickle.dumps(closest))):
-        assert type(again) is type(closest)
-        assert_same(
-            [*again, again.instance_id, again.geometry_id], [*closest, closest.instance_id, closest.geometry_id]
-        )
+def order_of(points, half=(1.0, 1.0, 1.0), threads=None):
+    with HostThreads(threads) as opened:
+        return pack.find_point_order(points, TreeBox(np.zeros(3), 1.0, np.array(half)), opened)
 
 
-class TestOrder:
-    """Many points are asked in an order in which neighbours are close."""
+def test_many_points_come_once_each_in_an_order_in_which_neighbours_are_close():
+    generator = np.random.default_rng(1)
+    points = generator.uniform(-1, 1, (40_000, 3)).astype(np.float32)
+    order = order_of(points)
+    steps = [np.linalg.norm(np.diff(some, axis=0), axis=1).mean() for some in (points[order], points)]
+    # About 40,000 ** (1 / 3) = 34 points lie along each axis.
+    assert steps[0] < steps[1] / 15
+    assert order.tobytes() == order_of(points, threads=3).tobytes()
+    points = generator.normal(size=(40_000, 3)) * 10.0 ** generator.uniform(-40, 40, (40_000, 1))
+    points[::7], points[1::7, 1], points[2::7, 2] = 0.0, np.nan, np.inf
+    for half in ((1, 1, 1), (1, 0, 1), (0, 0, 0), (1e-30, 1e30, 1)):
+        np.testing.assert_array_equal(np.sort(order_of(points, half)), np.arange(len(points)))
 
-    def order_of(self, points, half=(1.0, 1.0, 1.0), threads=None):
-        with HostThreads(threads) as opened:
-            return pack.find_point_order(points, TreeBox(np.zeros(3), 1.0, np.array(half)), opened)
 
-    def test_neighbours_are_close_whatever_the_threads(self):
-        points = np.random.default_rng(1).uniform(-1, 1, (40_000, 3)).astype(np.float32)
-        order = self.order_of(points)
-        steps = [np.linalg.norm(np.diff(some, axis=0), axis=1).mean() for some in (points[order], points)]
-        # About 40,000 ** (1 / 3) = 34 points lie along each axis.
-        assert steps[0] < steps[1] / 15
-        assert order.tobytes() == self.order_of(points, threads=3).tobytes()
-
-    @pytest.mark.parametrize("half", [(1, 1, 1), (1, 0, 1), (0, 0, 0), (1e-30, 1e30, 1)], ids=str)
-    def test_each_point_comes_once_wherever_it_is(self, half):
-        generator = np.random.default_rng(2)
-        points = generator.normal(size=(40_000, 3)) * 10.0 ** generator.uniform(-40, 40, (40_000, 1))
-        points[::7], points[1::7, 1], points[2::7, 2] = 0.0, np.nan, np.inf
-        np.testing.assert_array_equal(np.sort(self.order_of(points, half)), np.arange(len(points)))
-
-    def test_no_answer_depends_on_it_and_the_first_bad_point_is_named(self, tracer, monkeypatch):
-        points = np.random.default_rng(4).uniform(-1, 1, (1000, 3))
-        with monkeypatch.context() as patch:
-            patch.setattr(pack, "LEAST_POINTS", len(points) + 1)
-            expected = ask(tracer, points)
-        monkeypatch.setattr(pack, "LEAST_POINTS", 1)
-        assert_same(ask(tracer, points), expected)
-        points[700, 2], points[800, 0] = np.nan, np.inf
-        with pytest.raises(QueryError, match=r"points\[700\] is not finite"):
-            tracer.closest_point(points)
+def test_no_answer_depends_on_the_order_and_the_first_bad_point_is_named(tracer, monkeypatch):
+    points = np.random.default_rng(4).uniform(-1, 1, (1000, 3))
+    expected = []
+    for least in (len(points) + 1, 1):
+        monkeypatch.setattr(pack, "LEAST_POINTS", least)
+        expected.append(ask(tracer, points))
+    assert_same(*expected)
+    points[700, 2], points[800, 0] = np.nan, np.inf
+    with pytest.raises(QueryError, match=r"points\[700\] is not finite"):
+        tracer.closest_point(points)

@@ -23,46 +23,34 @@ WIDTH, HEIGHT = 75, 44  # no multiples of a tile's
 NO_LIST, NO_INSTANCE = -1, -1
 
 
-class TestRows:
-    def row_length(self, origins, directions):
-        return find_row_length(read_rays(origins.reshape(-1, 3), directions.reshape(-1, 3), 0.0, np.inf)[0])
+def row_length(origins, directions):
+    return find_row_length(read_rays(origins.reshape(-1, 3), directions.reshape(-1, 3), 0.0, np.inf)[0])
 
-    def picture(self, width, height):
-        return frame_mesh(make_shape("icosphere", triangles=80), aspect=width / height).rays(width, height)
 
-    def test_the_rows_of_pictures_of_any_size(self):
-        for width, height in ((1920, 1080), (640, 480), (64, 64), (1155, 866), (33, 40)):
-            for dtype in (np.float32, np.float64):
-                assert self.row_length(*(part.astype(dtype) for part in self.picture(width, height))) == width
+def test_rows_of_pictures_are_found_and_nothing_else_is_a_picture():
+    ball = make_shape("icosphere", triangles=80)
+    for width, height in ((1920, 1080), (64, 64), (1155, 866), (33, 40), (320, 200)):
+        picture = frame_mesh(ball, aspect=width / height).rays(width, height)
+        for dtype in (np.float32, np.float64):
+            assert row_length(*(part.astype(dtype) for part in picture)) == width
+    assert row_length(*(np.repeat(part, 4, axis=1) for part in picture)) == 4 * 320
+    assert row_length(*(part.swapaxes(0, 1) for part in picture)) == 200
+    origins, directions = (part.reshape(-1, 3) for part in picture)
+    assert row_length(origins[:-123], directions[:-123]) == 320
+    jitter = np.random.default_rng(1).uniform(-0.5, 0.5, directions.shape) * np.abs(directions[1] - directions[0])
+    assert row_length(origins, directions + jitter) == 320
+    # Rows of a scan all around have no ends.
+    turns, rise = np.meshgrid(np.linspace(0, 2 * np.pi, 720, endpoint=False), np.linspace(-1.55, 1.55, 360))
+    scan = np.stack((np.cos(turns) * np.cos(rise), np.sin(turns) * np.cos(rise), np.sin(rise)), axis=-1)
+    assert row_length(np.zeros_like(scan), scan) == 720
 
-    def test_other_pictures(self):
-        origins, directions = self.picture(320, 200)
-        jitter = np.random.default_rng(1).uniform(-0.5, 0.5, directions.shape)
-        jittered = directions + jitter * np.abs(directions[0, 1] - directions[0, 0])
-        x, y = np.meshgrid(np.linspace(0, 1, 300), np.linspace(0, 1, 300))
-        turns, rise = np.meshgrid(np.linspace(0, 2 * np.pi, 720, endpoint=False), np.linspace(-1.55, 1.55, 360))
-        scan = np.stack((np.cos(turns) * np.cos(rise), np.sin(turns) * np.cos(rise), np.sin(rise)), axis=-1)
-        for name, rays, expected in (
-            ("jittered", (origins, jittered), 320),
-            ("four samples of a pixel", (np.repeat(origins, 4, axis=1), np.repeat(directions, 4, axis=1)), 1280),
-            ("by columns", (origins.swapaxes(0, 1), directions.swapaxes(0, 1)), 200),
-            ("cut off in a row", [part.reshape(-1, 3)[: 320 * 150 + 77] for part in (origins, directions)], 320),
-            ("parallel", (np.stack((x, y, 0 * x), axis=-1), np.broadcast_to([0.0, 0.0, -1.0], (300, 300, 3))), 300),
-            ("a scan all around, whose rows have no ends", (np.zeros_like(scan), scan), 720),
-        ):
-            assert self.row_length(*rays) == expected, name
-
-    def test_no_pictures(self):
-        origins, directions = (part.reshape(-1, 3) for part in self.picture(320, 200))
-        order = np.random.default_rng(2).permutation(len(origins))
-        # No two rows of a disc are equally long.
-        x, y = np.meshgrid(np.linspace(-1, 1, 320), np.linspace(-1, 1, 200))
-        disc = (x**2 + y**2 < 1).reshape(-1)
-        for chosen in (order, slice(320), disc):
-            assert self.row_length(origins[chosen], directions[chosen]) is None
-        for count in (0, 1, 31, 512, 5000):
-            for value in (np.nan, np.inf, 0.0, 1.0):
-                assert self.row_length(np.full((count, 3), value), np.full((count, 3), value)) is None
+    # No two rows of a disc are equally long.
+    x, y = np.meshgrid(np.linspace(-1, 1, 320), np.linspace(-1, 1, 200))
+    for chosen in (np.random.default_rng(2).permutation(len(origins)), slice(320), (x**2 + y**2 < 1).reshape(-1)):
+        assert row_length(origins[chosen], directions[chosen]) is None
+    for count in (0, 1, 31, 512, 5000):
+        for value in (np.nan, np.inf, 0.0, 1.0):
+            assert row_length(np.full((count, 3), value), np.full((count, 3), value)) is None
 
 
 @pytest.fixture
