@@ -89,10 +89,11 @@ results: $(INSTALLED_STUDY) ## write docs/results.md and the README's table from
 	$(BIN)/python -m clbvh.study.publish $(OUT)/study
 
 # The examples are the docstrings', the pages' and the scripts'. `make docs PAGES=only` leaves them out, where `make test`
-# has run them. The variable silences an announcement of mkdocs-material's about MkDocs 2.
+# has run them. The variable silences an announcement of mkdocs-material's about MkDocs 2. Not --quiet: with it, warnings
+# are not counted, and --strict fails for none.
 docs: $(INSTALLED_DOCS) ## run every example, and build the documentation site in out/site
 	$(if $(filter only,$(PAGES)),,$(BIN)/python -m pytest --quiet tests/docs tests/processes/test_examples.py)
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "out/site/index.html"
 
 # Clang and libclc come from the system: apt-get install clang-15 libclc-15.
