@@ -119,26 +119,23 @@ def test_points_are_lifted_by_the_size_of_what_they_lie_on(share):
     assert share(disk_at(0.0, 1), below, UP, rays=RAYS, offset=1.1e-3) == 1
 
 
-def test_layouts_cuts_and_orders_agree_and_seeds_do_not(session, share, monkeypatch):
-    mesh = make_shape("terrain", triangles=5000, seed=1)
+def test_layouts_cuts_and_orders_agree_and_seeds_do_not(open_tracer, source, mesh, monkeypatch):
     points, normals = points_on(mesh, seed=7)
-    # A scene of one mesh alone would be that mesh.
-    for source in (mesh, scene_of((mesh, np.eye(4)), (mesh, np.eye(4)))):
-        expected = share(source, points, normals, rays=100, seed=3)
-        assert len(np.unique(expected)) > 10
-        for layout in LAYOUT_WIDTHS:
-            with Tracer(source, device=session.info, layout=layout) as tracer:
-                found = tracer.ambient_occlusion(points, normals, rays=100, seed=3)
-            np.testing.assert_array_equal(found, expected)
-    other = share(source, points, normals, rays=100, seed=4)
+    expected = open_tracer(source).ambient_occlusion(points, normals, rays=100, seed=3)
+    assert len(np.unique(expected)) > 10
+    for layout in LAYOUT_WIDTHS:
+        found = open_tracer(source, layout=layout).ambient_occlusion(points, normals, rays=100, seed=3)
+        np.testing.assert_array_equal(found, expected)
+    ask = open_tracer(source).ambient_occlusion
+    other = ask(points, normals, rays=100, seed=4)
     assert (other != expected).any()
     assert abs(other.mean() - expected.mean()) < 5e-3
-    many = share(mesh, np.tile(points, (17, 1)), np.tile(normals, (17, 1)), rays=4)
-    np.testing.assert_array_equal(many[:300], share(mesh, points, normals, rays=4))
+    many = ask(np.tile(points, (17, 1)), np.tile(normals, (17, 1)), rays=4)
+    np.testing.assert_array_equal(many[:300], ask(points, normals, rays=4))
     for least in (query._LEAST_POINTS, 100):
         monkeypatch.setattr(query, "_LAUNCH_RAYS", 1000)
         monkeypatch.setattr(query, "_LEAST_POINTS", least)
-        np.testing.assert_array_equal(share(source, points, normals, rays=100, seed=3), expected)
+        np.testing.assert_array_equal(ask(points, normals, rays=100, seed=3), expected)
 
 
 def test_arguments_are_broadcast_scaled_and_masked(share):

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from clbvh import ConfigError, Mesh, QueryError, Scene, Spheres
+from clbvh import ConfigError, Mesh, QueryError
 from clbvh.integrations.trimesh.ray import order_by_depth
 from clbvh.structs import HIT
 from clbvh.trace.hits import all_hits as module, interpolate as interpolate_module
 from clbvh.trace.hits.hits import Hits
 from clbvh.trace.hits.refine import RefinedHits, refine_closest
-from clbvh.trace.hits.surface import Surface
 from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.world.surface_arrays import lone_arrays
@@ -166,90 +165,70 @@ def test_a_hit_beside_its_triangle_moves_onto_it():
             assert hits.t[0] == pytest.approx(3 / length)
 
 
-@pytest.fixture(scope="module")
-def balls():
-    return Spheres(np.random.default_rng(0).normal(size=(20, 3)), 0.25)
-
-
-@pytest.fixture(scope="module")
-def mesh_hits(mesh):
-    """A function from a shape to hits of the knot, and misses."""
-
-    def make(*shape):
-        generator = np.random.default_rng(0)
-        u, v = generator.uniform(0, 0.5, (2, *shape))
-        return Hits(u, u, v, generator.integers(-1, mesh.face_count, shape).astype(np.int32), mesh)
-
-    return make
-
-
-@pytest.fixture(scope="module")
-def scene_hits(mesh, balls):
-    """3,000 hits and misses of a scene of the knot and 20 spheres, which are placed twice."""
-    generator = np.random.default_rng(0)
-    surface = Surface.from_shapes([mesh, balls], ["knot", "balls"], np.array([1, 0, 1]), np.stack([np.eye(4)] * 3))
-    u, v = generator.uniform(0, 0.5, (2, 3000))
-    instance_id = generator.integers(-1, 3, 3000).astype(np.int32)
-    prim_id = np.where(instance_id == -1, -1, generator.integers(0, 20, 3000)).astype(np.int32)
-    return Hits(u, u, v, prim_id, surface=surface, known_instance_id=instance_id)
-
-
-@pytest.mark.parametrize("dtype", ["float16", "uint64", "bool"])
-@pytest.mark.parametrize("width", [(), (2, 3), (0,)])
-def test_values_of_any_width_and_type_are_interpolated(mesh, mesh_hits, width, dtype):
-    values = np.random.default_rng(1).uniform(0, 100, (len(mesh.vertices), *width)).astype(dtype)
-    hits = mesh_hits(5, 10)
-    result = hits.interpolate(values)
-    assert result.shape == (5, 10, *width)
-    assert result.dtype == np.float64
+def interpolate_by_hand(hits, mesh, values):
     shares = np.stack((1 - hits.u - hits.v, hits.u, hits.v), axis=-1)
-    expected = np.einsum("ijk,ijk...->ij...", shares, values[mesh.faces[hits.prim_id]].astype(np.float64))
-    expected[~hits.is_hit] = np.nan
-    np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-12)
+    expected = np.einsum("...k,...kl->...l", shares, values[mesh.faces[hits.prim_id % mesh.face_count]])
+    return np.where(hits.is_hit[..., None], expected, np.nan)
 
 
-def test_values_at_vertices_give_locations_constants_and_nan(mesh, mesh_hits):
-    hits = mesh_hits(40_000)
-    assert hits.interpolate(mesh.vertices).tobytes() == hits.locations.tobytes()
+def test_values_of_any_width_and_type_are_interpolated(tracer, mesh, rays):
+    hits = tracer.closest_hit(*(part[:50].reshape(5, 10, 3) for part in rays))
+    for dtype in ("float64", "float16", "uint64", "bool"):
+        values = np.random.default_rng(1).uniform(0, 100, (len(mesh.vertices), 6)).astype(dtype)
+        expected = interpolate_by_hand(hits, mesh, values.astype(np.float64))
+        for width in ((6,), (2, 3)):
+            result = hits.interpolate(values.reshape(-1, *width))
+            assert result.dtype == np.float64
+            np.testing.assert_allclose(result, expected.reshape(5, 10, *width), rtol=1e-12, atol=1e-12)
+        np.testing.assert_array_equal(hits.interpolate(values[:, 0].tolist()), result[..., 0, 0])
+    assert hits.interpolate(values[:, :0]).shape == (5, 10, 0)
+
+
+def test_values_at_vertices_give_locations_constants_and_nan(tracer, mesh, rays):
+    hits = tracer.closest_hit(*rays)
+    for values in (mesh.vertices, {0: mesh.vertices}, {"knot": mesh.vertices}):
+        assert hits.interpolate(values).tobytes() == hits.locations.tobytes()
     assert (hits[hits.is_hit].interpolate([0.1] * len(mesh.vertices)) == 0.1).all()
-    for key in (0, "knot"):
-        np.testing.assert_array_equal(hits.interpolate({key: mesh.vertices}), hits.locations)
-    assert mesh_hits().interpolate(mesh.vertices).shape == (3,)
-    assert mesh_hits(0).interpolate(mesh.vertices).shape == (0, 3)
-    values = np.where(np.arange(len(mesh.vertices)) == 7, np.nan, 1.0)
-    touches = (mesh.faces[hits.prim_id] == 7).any(axis=1)
+    assert hits[0].interpolate(mesh.vertices).shape == (3,)
+    assert hits[:0].interpolate(mesh.vertices).shape == (0, 3)
+    values = np.where(np.arange(len(mesh.vertices)) == mesh.faces[hits.prim_id.max(), 0], np.nan, 1.0)
+    touches = np.isnan(values[mesh.faces[hits.prim_id]]).any(axis=1)
     np.testing.assert_array_equal(np.isnan(hits.interpolate(values)), touches | ~hits.is_hit)
 
 
-def test_scenes_take_a_mapping_of_geometries(mesh, balls, scene_hits, monkeypatch):
-    scene = Scene()
-    handles = scene.add(mesh), scene.add(balls)
+@pytest.fixture
+def scene_hits(open_tracer, world, rays):
+    return open_tracer(world).closest_hit(*rays)
+
+
+def test_scenes_take_a_mapping_of_geometries(mesh, world, scene_hits, monkeypatch):
+    knot, balls = world.geometries
     temperatures = np.random.default_rng(2).normal(size=(20, 3))
-    on_knot, on_balls = scene_hits.geometry_id == 0, scene_hits.geometry_id == 1
-    expected = np.full((3000, 3), np.nan)
-    expected[on_knot] = scene_hits.locations[on_knot]
+    on_knot, on_balls = (scene_hits.geometry_id == geometry.id for geometry in (knot, balls))
+    expected = np.where(on_knot[:, None], interpolate_by_hand(scene_hits, mesh, mesh.vertices), np.nan)
     expected[on_balls] = temperatures[scene_hits.prim_id[on_balls]]
-    for one, other in ((0, 1), ("knot", "balls"), (np.int64(0), handles[1])):
-        np.testing.assert_array_equal(scene_hits.interpolate({one: mesh.vertices, other: temperatures}), expected)
-    np.testing.assert_array_equal(np.isnan(scene_hits.interpolate({"balls": np.ones(20)})), ~on_balls)
+    for one, other in ((0, 1), (knot.name, balls.name), (np.int64(0), balls)):
+        result = scene_hits.interpolate({one: mesh.vertices, other: temperatures})
+        np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(np.isnan(scene_hits.interpolate({balls: np.ones(20)})), ~on_balls)
     assert np.isnan(scene_hits.interpolate({})).all()
     monkeypatch.setattr(interpolate_module, "_CHUNK_HITS", 7)
-    np.testing.assert_array_equal(scene_hits.interpolate({0: mesh.vertices, 1: temperatures}), expected)
+    np.testing.assert_array_equal(scene_hits.interpolate({0: mesh.vertices, 1: temperatures}), result)
 
 
-def test_wrong_values_are_refused(mesh, scene_hits, mesh_hits, monkeypatch):
+def test_wrong_values_are_refused(mesh, scene_hits, monkeypatch):
     count = len(mesh.vertices)
     for values, message in (
         (np.ones(20), "the scene has 2 geometries: give the values as a mapping"),
-        ({"car": np.ones(20)}, "no geometry with the name 'car', but 'knot', 'balls'"),
+        ({"car": np.ones(20)}, "no geometry with the name 'car', but 'knot', 'spheres'"),
         ({2: np.ones(20)}, "no geometry with the id 2: there are 2"),
         ({True: np.ones(20)}, "not for True"),
-        ({"balls": np.ones(20), 1: np.ones(20)}, "values for the geometry 'balls' twice"),
-        ({"balls": np.ones(19)}, r"balls: there must be one value or row for each of the 20 spheres, not \(19,\)"),
-        ({"knot": np.ones((count, 2)), "balls": np.ones(20)}, rf"'knot': \({count}, 2\), 'balls': \(20,\)"),
-        ({"knot": 1.0}, rf"each of the {count} vertices, not \(\)"),
-        ({"balls": ["x"] * 20}, "real numbers, not <U1"),
-        ({"balls": np.ma.masked_equal(np.arange(20), 3)}, "some are masked"),
+        ({"spheres": np.ones(20), 1: np.ones(20)}, "values for the geometry 'spheres' twice"),
+        ({1: np.ones(19)}, r"spheres: there must be one value or row for each of the 20 spheres, not \(19,\)"),
+        ({0: np.ones((count, 2)), 1: np.ones(20)}, rf"'knot': \({count}, 2\), 'spheres': \(20,\)"),
+        ({0: 1.0}, rf"each of the {count} vertices, not \(\)"),
+        ({1: ["x"] * 20}, "real numbers, not <U1"),
+        ({1: np.ma.masked_equal(np.arange(20), 3)}, "some are masked"),
     ):
         with pytest.raises(QueryError, match=message):
             scene_hits.interpolate(values)
@@ -257,4 +236,4 @@ def test_wrong_values_are_refused(mesh, scene_hits, mesh_hits, monkeypatch):
         Hits(*np.zeros((3, 1)), np.zeros(1, np.int32)).interpolate([1.0])
     monkeypatch.setattr("clbvh.support.memory.free_memory_bytes", lambda: 0)
     with pytest.raises(QueryError, match="ask for fewer hits at a time"):
-        mesh_hits(2**17).interpolate(np.broadcast_to(1.0, (count, 256)))
+        scene_hits[np.zeros(2**17, int)].interpolate({0: np.broadcast_to(1.0, (count, 256))})

@@ -1,25 +1,18 @@
 """Memory of a tracer: of one chunk at most, in smaller pieces where there is little, and one error where none is."""
 
 import dataclasses
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
-from clbvh import Tracer, View, build
+from clbvh import Renderer, Tracer
 from clbvh.device.session import DeviceSession
 from clbvh.errors import ConfigError, DeviceError, DeviceMemoryError, QueryError
-from clbvh.rendering.cameras.bounds import SceneBounds
-from clbvh.rendering.kernel_view import make_kernel_view
-from clbvh.rendering.painters import FrameRenderer, OneRayPainter
-from clbvh.rendering.view_finder import ViewFinder
 from clbvh.structs import HIT, PACKED_RAY
 from clbvh.trace import tracer as tracer_module
 from clbvh.trace.rays import pieces
 
 from ...chain import make_chain
-from ...worlds import open_mesh
 
 FIELDS = ("t", "u", "v", "prim_id")
 RAY_QUERIES = ("closest_hit", "closest_prim", "any_hit", "count_hits", "all_hits", "ambient_occlusion")
@@ -139,57 +132,13 @@ def test_a_device_without_any_memory_is_one_error(mesh, rays, session, limit):
                 full.closest_hit(*rays)
 
 
-def test_a_picture_is_drawn_in_narrower_bands(mesh, session, limit):
-    with DeviceSession(session.info) as opened:
-        world = open_mesh(opened, mesh, build(mesh))
-        settings = View(width=64, height=48, shading="lambert+shadow", up="y")
-        view = make_kernel_view(settings, ViewFinder(SceneBounds.of_mesh(mesh)).camera(settings), mesh)
-        painter = OneRayPainter(opened, world)
-        expected = FrameRenderer(opened, world).render(view, painter)
+def test_a_picture_is_drawn_in_narrower_bands(mesh, limit):
+    shading = {"width": 64, "height": 48, "shading": "lambert+shadow"}
+    with Renderer(mesh) as roomy, Renderer(mesh) as small, Renderer(mesh) as full:
+        expected = roomy.render(**shading)
         limit(10_000)  # a row of hits takes 1 KB
-        for found, wanted in zip(FrameRenderer(opened, world).render(view, painter), expected, strict=True):
-            np.testing.assert_array_equal(found, wanted)
+        np.testing.assert_array_equal(small.render(**shading).rgb, expected.rgb)
         assert limit.refused
         limit(500)
         with pytest.raises(DeviceMemoryError, match="cannot hold a buffer"):
-            FrameRenderer(opened, world).render(view, painter)
-
-
-SECOND_TRACER = """
-import os, sys
-import numpy as np
-from numba.core.event import install_recorder
-import clbvh
-from clbvh.device import program
-
-opened, compiled = [], []
-
-def listen(event, arguments):
-    # Settings are looked for at each opening, and there are none.
-    if event in ("open", "os.listdir", "os.scandir", "subprocess.Popen") and os.path.exists(str(arguments[0])):
-        opened.append(arguments[0])
-
-def use(bvh):
-    rays = np.random.default_rng(0).normal(size=(2, 50, 3))
-    with clbvh.Tracer(bvh) as tracer:
-        tracer.all_hits(*rays)
-        tracer.any_hit(*rays)
-        tracer.signed_distance(rays[0])
-        tracer.update(bvh.mesh.vertices * 2)
-        tracer.closest_hit(*rays).locations
-
-# A build asks the system for its memory, so trees are built before.
-bvhs = [clbvh.build(clbvh.make_shape("icosphere", triangles=triangles)) for triangles in (80, 320)]
-use(bvhs[0])
-compile_now = program._compile
-program._compile = lambda *given: compiled.append(given[-2]) or compile_now(*given)
-sys.addaudithook(listen)
-with install_recorder("numba:compile") as recorder:
-    use(bvhs[1])
-print(len(recorder.buffer), compiled, opened)
-"""
-
-
-def test_a_second_tracer_of_a_process_compiles_nothing_and_opens_no_file():
-    ran = subprocess.run([sys.executable, "-c", SECOND_TRACER], capture_output=True, text=True, check=False)
-    assert (ran.stdout, ran.stderr) == ("0 [] []\n", "")
+            full.render(**shading)
