@@ -6,8 +6,6 @@ import base64
 import re
 from html.parser import HTMLParser
 
-import pytest
-
 from clbvh.study.page import (
     HTML,
     REPORT,
@@ -90,50 +88,32 @@ def test_tables_show_median_and_range():
     page = check_self_contained(
         make_page(Table("Times.", ("case", "ms"), [("a < b", NOISY), ("c", None), ("d", 1234)]))
     )
+    assert "warn" in page.classes  # of noise
     (table,) = page.tables
     assert [[" ".join(cell.split()) for cell in row] for row in table] == [
         ["case", "ms"], ["a < b", "10.0 5.00 to 20.0"], ["c", "\u2013"], ["d", "1,234"],
     ]  # fmt: skip
 
 
-def test_noise_is_marked():
-    assert "warn" in Page(make_page(Table("Times.", ("ms",), [(NOISY,)]))).classes
-    assert "warn" not in Page(make_page(Table("Times.", ("ms",), [(QUIET,)]))).classes
-
-
-def test_text_is_escaped():
-    text = make_page("<script>alert()</script>", notes=["a & b < c"])
+def test_text_is_escaped_and_pictures_and_figures_are_inside():
+    bars = Figure("Bars.", [("ours", "a", QUIET), ("ours", "b", None)], Axis("ms"))
+    text = make_page("<script>alert()</script>", Picture("A & B.", b"\x89PNG"), bars, notes=["a & b < c"])
     assert "<script>" not in text
     assert "a &amp; b &lt; c" in text
-
-
-def test_pictures_are_inside():
-    page = check_self_contained(make_page(Picture("A & B.", b"\x89PNG")))
-    assert page.addresses[-1] == "data:image/png;base64,iVBORw=="
-
-
-def draw_both():
-    """Return curves and bars as text."""
-    points = [("ours", 1, QUIET), ("ours", 2, NOISY), ("none", 1, None), (REPORT, 1, 1.0), (REPORT, 2, 2.0)]
-    curves = draw_figure(points, Axis("speed-up"), Axis("workers", is_log=True, ticks=(1, 2)))
-    bars = draw_figure([("ours", "A & B", QUIET), ("ours", "C", NOISY)], Axis("ms", is_log=True))
-    return curves.decode(), bars.decode()
+    picture, figure = (address for address in check_self_contained(text).addresses if address.startswith("data:"))
+    assert picture == "data:image/png;base64,iVBORw=="
+    assert b"<svg" in base64.b64decode(figure.partition(",")[2])
 
 
 def test_figures_show_their_names_and_are_the_same_each_time():
-    curves, bars = draw_both()
-    for label in ("workers", "speed-up", "ours", REPORT):
-        assert f">{label}<" in curves
-    for label in ("A &amp; B", "C", "ms"):
-        assert f">{label}<" in bars
-    assert (curves, bars) == draw_both()
-
-
-def test_figures_are_inside():
-    figure = Figure("Bars.", [("ours", "a", QUIET), ("ours", "b", None)], Axis("ms"))
-    page = check_self_contained(make_page(figure))
-    (address,) = (address for address in page.addresses if address.startswith("data:"))
-    assert b"<svg" in base64.b64decode(address.partition(",")[2])
+    points = [("ours", 1, QUIET), ("ours", 2, NOISY), ("none", 1, None), (REPORT, 1, 1.0), (REPORT, 2, 2.0)]
+    curves = points, Axis("speed-up"), Axis("workers", is_log=True, ticks=(1, 2))
+    bars = [("ours", "A & B", QUIET), ("ours", "C", NOISY)], Axis("ms", is_log=True)
+    for figure, labels in ((curves, ("workers", "speed-up", "ours", REPORT)), (bars, ("A &amp; B", "C", "ms"))):
+        drawn = draw_figure(*figure)
+        assert drawn == draw_figure(*figure)
+        for label in labels:
+            assert f">{label}<" in drawn.decode()
 
 
 def test_markdown_has_medians_texts_and_links_to_figures():
@@ -150,16 +130,11 @@ def test_markdown_has_medians_texts_and_links_to_figures():
     assert text.endswith(f"{head}{table}\n\n{plot}\n\nNoise.\n")
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(0.0, "0"), (0.012345, "0.0123"), (1.0, "1.00"), (12.345, "12.3"), (99.96, "100.0"), (1234.6, "1,235"),
-     (12, "12"), (1234567, "1,234,567"), (float("nan"), "\u2013"), (float("inf"), "\u2013"), (-2.5, "-2.50")],
-)  # fmt: skip
-def test_numbers_have_three_digits(value, text):
-    assert format_number(value) == text
-
-
-def test_cells_in_plain_text():
+def test_numbers_have_three_digits():
+    for value, text in (
+        (0.0, "0"), (0.012345, "0.0123"), (1.0, "1.00"), (12.345, "12.3"), (99.96, "100.0"), (1234.6, "1,235"),
+        (12, "12"), (1234567, "1,234,567"), (float("nan"), "\u2013"), (float("inf"), "\u2013"), (-2.5, "-2.50"),
+    ):  # fmt: skip
+        assert format_number(value) == text
     assert format_cell(NOISY) == "10.0 (5.00 to 20.0)"
     assert format_cell(Summary(10.0, 10.0, 10.0, 1)) == "10.0"
-    assert format_cell("text") == "text"

@@ -1,0 +1,162 @@
+"""What experiments measure with: engines in processes of their own, `perf stat`, and the counted work of the ladder."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from clbvh import BuildOptions, Mesh, build
+from clbvh.builders.ladder.variants import VARIANTS
+from clbvh.study import machine
+from clbvh.study.engines import ENGINES, Engine, EngineError, Rival, open_engine
+from clbvh.study.experiments.peers import QUERIES
+from clbvh.study.ladder_work import count_ladder_work
+from clbvh.study.machine import count_build, find_counter_problem
+from clbvh.study.samples import NotMeasuredError
+
+RAY_COUNT = 64
+RAYS = ("coherent", "shuffled", "scattered")
+
+
+class Slow(Engine):
+    """Counts what it is given, and no more than a few of them."""
+
+    most_items = 10
+
+    def __init__(self, vertices, faces):
+        pass
+
+    def build(self):
+        pass
+
+    def closest(self, rays):
+        assert rays[0].flags.c_contiguous
+        return len(rays[0])
+
+    def points(self, points):
+        return len(points[0])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, mesh):
+    """The shared files of a mesh."""
+    folder = tmp_path_factory.mktemp("shared")
+    origins = np.tile([[0.0, 0.0, 9.0]], (RAY_COUNT, 1))
+    directions = np.random.default_rng(0).normal(size=(RAY_COUNT, 3)) * [0.1, 0.1, 0.0] - [0, 0, 1]
+    arrays = {"vertices": mesh.vertices, "faces": mesh.faces, "points": origins[None]}
+    for name, array in {**arrays, **dict.fromkeys(RAYS, np.stack((origins, directions)))}.items():
+        np.save(folder / f"{name}.npy", array)
+    return str(folder)
+
+
+def test_a_slow_engine_gets_an_even_share(folder, mesh, monkeypatch):
+    monkeypatch.setitem(ENGINES, "slow", Slow)
+    tasks = open_engine("slow", folder)
+    assert [query for query in QUERIES if Slow.has(query)] == list(tasks) == ["build", *RAYS, "points"]
+    assert [tasks[query]() for query in (*RAYS, "points")] == [(10, 10)] * 4  # every seventh of 64
+    assert tasks["build"]() == (mesh.face_count, None)
+
+
+@pytest.mark.usefixtures("_opened_device")
+def test_this_library_in_a_process_of_its_own(folder):
+    with Rival("clbvh", folder) as engine:
+        for query in QUERIES:
+            assert engine.measure(query)[0] > 0
+        (_, closest), (_, every) = (engine.measure(query)[1] for query in ("coherent", "all"))
+        assert 0 < closest <= every
+        # It survives a question that it does not understand.
+        with pytest.raises(EngineError, match="the engine fails: KeyError"):
+            engine.measure("no such query")
+        assert engine.measure("any")[1] == (RAY_COUNT, closest)
+        engine._process.kill()
+        with pytest.raises(EngineError, match="the engine's process died"):
+            engine.measure("any")
+    assert engine._process not in multiprocessing.active_children()
+
+
+# A perf that counts as many instructions as the last word of the command says, for each build and once for the start.
+COUNTING = """#!/bin/sh
+for last; do :; done
+case "$last" in [0-9]*) builds=$last;; *) builds=0;; esac
+echo "# started on some day" >&2
+echo "$((1000 + 500 * builds)),,instructions:u,1,100.00,," >&2
+echo "$((10 + 7 * builds)),,cache-misses,1,100.00,," >&2
+"""
+BLIND = """#!/bin/sh
+echo "<not supported>,,instructions,0,100.00,," >&2
+echo "12,,cache-misses,1,100.00,," >&2
+"""
+FAILING = "#!/bin/sh\necho 'no permission' >&2\nexit 1\n"
+
+
+@pytest.fixture
+def install(tmp_path, monkeypatch):
+    """A function that makes a script the machine's perf."""
+
+    def install(script):
+        find_counter_problem.cache_clear()
+        path = tmp_path / "perf"
+        path.write_text(script)
+        path.chmod(0o755)
+        monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}/usr/bin{os.pathsep}/bin")
+
+    yield install
+    find_counter_problem.cache_clear()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="perf is Linux's")
+def test_perf_is_read_and_its_absence_is_said(install, monkeypatch, tmp_path):
+    install(COUNTING)
+    assert find_counter_problem() == ""
+    assert count_build("knot-1000", "flat") == {"instructions": 500, "cache_misses": 7}  # without Python's start
+    install(BLIND)
+    assert find_counter_problem() == "perf does not count instructions on this machine"
+    install(FAILING)
+    with pytest.raises(NotMeasuredError, match="perf stat fails"):
+        count_build("knot-1000", "flat")
+    find_counter_problem.cache_clear()
+    monkeypatch.setenv("PATH", str(tmp_path / "gone"))
+    assert find_counter_problem() == "perf is not installed"
+
+
+def test_the_counted_process_builds():
+    command = [sys.executable, "-c", machine._BUILD, "knot-1000", "flat", "1"]
+    subprocess.run(command, check=True, timeout=120)
+
+
+def test_the_work_of_two_triangles_by_hand():
+    # Along x, in the wrong order.
+    corners = np.array([[[5, 0, 0], [6, 0, 0], [5, 1, 0]], [[0, 0, 0], [1, 0, 0], [0, 1, 0]]], float)
+    pair = Mesh.from_arrays(corners.reshape(-1, 3), np.arange(6).reshape(2, 3))
+    work, copying, binned = (
+        count_ladder_work(pair, name, BuildOptions(leaf_size=1)) for name in ("range", "naive", "flat")
+    )
+    # One comparison; both numbers change places, and leaves write theirs; three nodes from the heap, no lists.
+    assert (work.comparisons, work.bin_lookups, work.moves, work.allocations) == (1, 0, 2 + 2, 3)
+    # The root bounds both, each leaf one; each bound asks for a box and three coordinates; a comparison for two more.
+    assert work.boxes == 4 * (2 + 1 + 1) + 2
+    # Lists: two more allocations, and both numbers are copied.
+    assert (copying.allocations, copying.moves) == (5, work.moves + 2)
+    # Each is looked up once to count and once to part them.
+    assert (binned.comparisons, binned.bin_lookups, binned.allocations, binned.boxes) == (0, 4, 0, 2)
+
+
+def test_each_variant_does_the_work_that_its_name_says(mesh):
+    works = {name: count_ladder_work(mesh, name) for name in VARIANTS}
+    assert works["sequential"] == works["naive"]
+    assert works["range"].comparisons == works["cached"].comparisons == works["naive"].comparisons
+    assert works["bin"].bin_lookups == works["flat"].bin_lookups == works["atomic"].bin_lookups
+    for name, variant in VARIANTS.items():
+        assert (works[name].boxes == mesh.face_count) == variant.cached
+    assert works["range"].allocations < works["naive"].allocations
+    assert works["median"].comparisons < works["cached"].comparisons < 1.5 * mesh.face_count * 11**2
+    assert works["median"].moves < works["cached"].moves
+    assert works["frontier"].bin_lookups < works["flat"].bin_lookups
+    for name, factor, less in (("sequential", 2, 1), ("bin", 1, 0), ("flat", 0, 0)):
+        assert works[name].allocations == factor * build(mesh, builder=name).node_count - less
+    assert works["flat"] == count_ladder_work(mesh, "flat", BuildOptions(bins=8))

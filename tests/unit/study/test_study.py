@@ -1,0 +1,180 @@
+"""A whole study, each experiment by one case of its group on tiny meshes: its page, and the documents that quote it."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clbvh.study
+from clbvh.errors import ConfigError
+from clbvh.study import engines, machine as machines
+from clbvh.study.experiment import Experiment, curve
+from clbvh.study.experiments import EXPERIMENTS, find_experiments, peers
+from clbvh.study.page import Table
+from clbvh.study.publish import (
+    BEGIN,
+    END,
+    SAMPLES_FOLDER,
+    draw_results,
+    open_study,
+    publish,
+    write_readme_table,
+    write_results,
+)
+from clbvh.study.run import run_study
+from clbvh.study.samples import Sample
+from clbvh.study.scale import FULL, QUICK, SCANS, TINY, Scale
+
+from .test_page import check_self_contained
+
+PROJECT = Path(__file__).parents[3]
+DOCUMENTED = PROJECT / "docs" / SAMPLES_FOLDER
+SMALL = dataclasses.replace(TINY, rounds=1, least_rounds=1)
+
+
+def first_cases(experiment):
+    """Return a function that gives the first case of an experiment, and of the contest those of our own engine."""
+    whole = experiment.cases
+    if experiment.name == "peers":
+        return lambda scale: [case for case in whole(scale) if case["engine"] == "clbvh"]
+    return lambda scale: whole(scale)[:1]
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory, _opened_device):
+    """A finished study of all experiments, and its folder."""
+    folder = tmp_path_factory.mktemp("study")
+    with pytest.MonkeyPatch.context() as patch:
+        for experiment in EXPERIMENTS.values():
+            patch.setattr(experiment, "cases", first_cases(experiment))
+        yield run_study(folder, scale=SMALL), folder
+
+
+def test_cases_differ_and_have_the_keys_of_their_group():
+    for name, experiment in EXPERIMENTS.items():
+        title, question, method = experiment.texts
+        assert title and question[-1] in ".?" and method.endswith("."), name  # noqa: PT018
+        for scale in (FULL, QUICK, TINY) if name != "devices" else ():
+            cases = experiment.cases(scale)
+            assert len({str(sorted(case.items())) for case in cases}) == len(cases) > 0
+            assert all(set(experiment.group) <= case.keys() for case in cases), name
+    with pytest.raises(ConfigError, match="there is no experiment 'ladders': take one of ladder, scaling"):
+        find_experiments(["ladders"])
+
+
+def test_a_missing_scan_is_replaced_by_a_procedural_mesh_of_its_size(monkeypatch, tmp_path):
+    monkeypatch.setenv("CLBVH_MESHES", str(tmp_path))
+    monkeypatch.setenv("CLBVH_CACHE", str(tmp_path))
+    assert Scale("test", 1, 1, 0, 0).mesh("bunny") == f"knot-{SCANS['bunny']}"
+
+
+def test_no_figure_of_the_report_is_typed_into_an_experiment():
+    """Figures with three digits and more, which are nobody's choice of a size or a number of cases."""
+    assert curve("scaling.build_ms") == {1: 2687, 8: 570}
+    folder = Path(clbvh.study.__file__).parent
+    lines = [line for line in (folder / "report.toml").read_text().splitlines() if not line.startswith("#")]
+    figures = set(re.findall(r"\b\d+\.?\d+\b", "\n".join(line.partition("=")[2] for line in lines)))
+    figures = {figure for figure in figures if len(figure.replace(".", "")) >= 3} - {"256", "450", "800"}
+    assert "2687" in figures
+    for path in folder.rglob("*.py"):
+        if path.name != "scale.py":  # sizes of the scans are needed to find stand-ins
+            assert not figures & set(re.findall(r"\b\d+\.?\d*\b", path.read_text().replace("_", ""))), path
+
+
+def test_the_page_has_a_table_for_every_experiment_and_every_time_its_sample(study):
+    study, _ = study
+    text = study.page.read_text("utf-8")
+    assert set(EXPERIMENTS) <= set(check_self_contained(text).ids)
+    for name in EXPERIMENTS:
+        assert "<table " in text.partition(f'<section id="{name}">')[2].partition("</section>")[0], name
+    lines = study.samples.read_text().splitlines()
+    assert sum('"kind": "sample"' in line for line in lines) >= len(EXPERIMENTS)
+    assert len(study.table.read_text().splitlines()) > len(lines)
+
+
+def test_a_finished_study_measures_nothing_again_and_its_page_can_be_written_again_alone(study, monkeypatch):
+    study, folder = study
+    samples, page = study.samples.read_bytes(), study.page.read_bytes()
+    monkeypatch.setattr("clbvh.study.run.sample_group", None)
+    assert run_study(folder, scale=SMALL).samples.read_bytes() == samples
+    study.page.unlink()
+    assert run_study(folder, scale=SMALL, only_page=True).page.read_bytes() == page
+
+
+def test_another_version_is_noticed_and_nothing_is_mixed(study, monkeypatch, tmp_path):
+    for path in study[1].glob("*.json*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    versions = {"numpy": "99.0", "matplotlib": "3", "Jinja2": "3"}
+    monkeypatch.setattr(machines, "find_version", versions.get)
+    again = run_study(tmp_path, scale=SMALL, only_page=True)
+    (note,) = [note for note in again.notes if "another machine or version" in note]
+    assert "and is 99.0" in note
+    assert '<section id="ladder">' not in again.page.read_text()
+
+
+def test_a_missing_peer_is_named(study, monkeypatch):
+    ghost = type("Ghost", (engines.Engine,), {"name": "ghost", "packages": ("no_such_package",)})
+    monkeypatch.setitem(engines.ENGINES, "ghost", ghost)
+    notes = run_study(study[1], scale=SMALL, only_page=True).notes
+    assert "Missing peer: ghost (no_such_package is not installed)." in notes
+
+
+def test_points_and_rays_of_the_contest_are_near_the_mesh(mesh):
+    generator = np.random.default_rng(0)
+    extent = np.ptp(mesh.vertices, axis=0).max()
+    assert np.abs(peers._choose_points(mesh, 100, generator)).max() < extent
+    origins, directions = peers._scatter(mesh, 50, generator)
+    assert np.allclose(np.linalg.norm(origins, axis=1), 2 * extent)
+    assert np.allclose(np.linalg.norm(directions, axis=1), 1)
+
+
+@pytest.mark.usefixtures("_opened_device")
+def test_the_experiment_of_the_documentation_runs(tmp_path, monkeypatch):
+    text = (PROJECT / "docs" / "study.md").read_text("utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    names = {"Experiment": Experiment, "Sample": Sample, "Table": Table}
+    exec(code, names)
+    monkeypatch.setitem(EXPERIMENTS, "leaves", names["Leaves"]())
+    page = run_study(tmp_path, ["leaves"], scale=SMALL).page.read_text()
+    assert '<section id="leaves">' in page
+    assert "Build by leaf size." in page
+
+
+def find_wrong_documents(project):
+    """Return the names of documents that differ from what their samples say."""
+    study, docs = open_study(project / "docs" / SAMPLES_FOLDER), project / "docs"
+    wrong = []
+    if (docs / "results.md").read_text("utf-8") != write_results(study):
+        wrong.append("results.md")
+    if draw_results(study).keys() != {path.name for path in (docs / SAMPLES_FOLDER).glob("*.svg")}:
+        wrong.append("figures")
+    readme = (project / "README.md").read_text("utf-8")
+    if BEGIN in readme and write_readme_table(study).strip() != readme.partition(BEGIN)[2].partition(END)[0].strip():
+        wrong.append("README.md")
+    return wrong
+
+
+@pytest.mark.skipif(not DOCUMENTED.is_dir(), reason="peers: no study is published in docs/")
+def test_figures_of_the_documents_are_in_their_samples():
+    assert find_wrong_documents(PROJECT) == []
+
+
+def test_a_published_study_agrees_until_a_figure_is_changed(study, tmp_path):
+    (tmp_path / "docs").mkdir()
+    readme, results = tmp_path / "README.md", tmp_path / "docs" / "results.md"
+    readme.write_text(f"# A\n\n{BEGIN}\nold\n{END}\n\n## B\n")
+    for _ in range(2):
+        publish(study[1], tmp_path)
+        assert find_wrong_documents(tmp_path) == []
+        assert re.fullmatch(f"# A\n\n{BEGIN}\n.*{END}\n\n## B\n", readme.read_text(), re.DOTALL)
+    assert "old" not in readme.read_text()
+    figure = next(word for word in results.read_text().split() if re.fullmatch(r"\d+\.\d+", word))
+    results.write_text(results.read_text().replace(figure, f"{figure}9", 1))
+    readme.write_text(readme.read_text().replace(BEGIN, f"{BEGIN}9", 1))
+    assert find_wrong_documents(tmp_path) == ["results.md", "README.md"]
+    with pytest.raises(ConfigError, match="there is no study in this folder"):
+        open_study(tmp_path)
