@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 import pickle
 
 import numpy as np
 import pytest
 
 import clbvh
-from clbvh import Appearance, Material, Mesh, SceneError, Spheres, Texture, View
-from clbvh.rendering.environment_map import EnvironmentMap, find_axes, make_environment_tables, solid_angles
+from clbvh import Appearance, Material, Mesh, SceneError, Spheres, View
+from clbvh.rendering.environment_map import find_axes, make_environment_tables, solid_angles
 from clbvh.rendering.image_files import write_exr
-from clbvh.rendering.look_tables import has_cutouts, make_alias_table
 
 PIXELS = np.arange(24.0).reshape(2, 4, 3)
 MATT = Material(base_colour=(1, 1, 1), roughness=1.0, ior=1.0)
@@ -33,7 +31,6 @@ def test_a_map_is_a_value_that_is_copied_or_read_when_it_is_needed(tmp_path):
     assert view == View(environment=PIXELS.tolist()) != View(environment=PIXELS + 1)
     assert hash(view) == hash(View(environment=PIXELS))
     assert pickle.loads(pickle.dumps(view)) == view
-    assert View(environment="a.exr") == View(environment="a.exr") != View(environment="b.exr")
     # A scene file names a map beside it, and a saved scene holds the pixels.
     text = '[[object]]\nshape = "icosphere"\n[view]\nenvironment = "map.exr"\nenvironment_strength = 2.5\n'
     (tmp_path / "a.toml").write_text(text)
@@ -46,7 +43,7 @@ def test_a_map_is_a_value_that_is_copied_or_read_when_it_is_needed(tmp_path):
     assert loaded.environment_strength == 2.5
 
 
-def test_pixels_that_are_no_light_are_refused(tmp_path):
+def test_pixels_that_are_no_light_are_refused():
     def changed(value):
         pixels = PIXELS.copy()
         pixels[1, 2, 1] = value
@@ -61,17 +58,11 @@ def test_pixels_that_are_no_light_are_refused(tmp_path):
     for value, words in rows:
         with pytest.raises(SceneError, match=words):
             View(environment=value)
-    write_map(tmp_path / "map.exr", np.full((1, 1, 3), 1e21))
-    with pytest.raises(SceneError, match=r"map\.exr: the environment's light"):
-        _ = EnvironmentMap(tmp_path / "map.exr").pixels
 
 
 def test_tables_draw_pixels_by_their_light_and_that_of_their_neighbours():
     for width, height in ((1, 1), (1024, 512), (3, 65536)):
-        angles = solid_angles(width, height)
-        assert width * angles.sum() == pytest.approx(4 * np.pi, rel=1e-12)
-        cap = 4 * np.pi * np.sin(np.pi / (2 * height)) ** 2  # around a pole
-        assert width * angles[0] == pytest.approx(cap, rel=1e-12)
+        assert width * solid_angles(width, height).sum() == pytest.approx(4 * np.pi, rel=1e-12)
     pixels = np.zeros((6, 8, 3), np.float32)
     pixels[2, 0] = 1  # beside the seam
     arrays = make_environment_tables(pixels).arrays
@@ -81,9 +72,6 @@ def test_tables_draw_pixels_by_their_light_and_that_of_their_neighbours():
     np.testing.assert_allclose(columns[2], np.array([6, 1, 0, 0, 0, 0, 0, 1]) / 8, atol=1e-7)
     assert (arrays["environment_columns"][:, -1] == 1).all()
     assert make_environment_tables(np.zeros((3, 4, 3), np.float32)).arrays == {}
-    for value in (1e-38, 1e20):
-        tables = make_environment_tables(np.full((2, 4, 3), value, np.float32)).arrays
-        np.testing.assert_allclose(tables["environment_rows"], [0.5, 1])
 
 
 def test_the_middle_is_along_x_and_turns_counter_clockwise_from_above():
@@ -93,39 +81,6 @@ def test_the_middle_is_along_x_and_turns_counter_clockwise_from_above():
     ]  # fmt: skip
     for up, degrees, front, right in rows:
         np.testing.assert_allclose(find_axes(np.array(up, float), degrees), [front, right], atol=1e-15)
-
-
-@pytest.mark.parametrize("kind", ["equal", "extreme", "one", "zeros"])
-def test_lamps_are_chosen_by_their_power(kind):
-    for count in (1, 2, 7, 100_000):
-        rng = np.random.default_rng(count)
-        weights = {
-            "equal": np.full(count, 1e-30),
-            "extreme": 10 ** rng.uniform(-12, 12, count),
-            "one": np.where(np.arange(count) == count // 2, 1e300, 1.0),
-            "zeros": np.where(np.arange(count) % 2 == 0, rng.random(count) + 1e-6, 0.0),
-        }[kind]
-        table = make_alias_table(weights)
-        shares = table["threshold"].astype(np.int64)
-        np.add.at(shares, table["alias"], 2**32 - table["threshold"].astype(np.int64))
-        expected = weights / weights.max()
-        expected *= count * 2.0**32 / expected.sum()
-        assert shares.sum() == count * 2**32
-        np.testing.assert_allclose(shares, expected, rtol=1e-4, atol=0.51)
-
-
-def test_one_surface_with_holes_is_enough():
-    cube = clbvh.make_shape("cube", triangles=12)
-    opaque, hole = np.full((2, 12, 3, 4), 255, np.uint8)
-    hole[-1, -1, 3] = 254
-    net = {"uvs": np.zeros((12, 3, 2)), "materials": [Material(base_colour_texture=Texture("net", hole))]}
-    glass = {"materials": [Material(), Material(alpha=0.5)], "material_ids": np.arange(12) % 2}
-    wall = {"uvs": np.zeros((12, 3, 2)), "materials": [Material(base_colour_texture=Texture("wall", opaque))]}
-    looks = [{"colours": opaque}, {"colours": opaque[..., :3]}, {"materials": [Material()]}, wall]
-    closed = [dataclasses.replace(cube, appearance=Appearance(**each)) for each in looks]
-    assert not has_cutouts([*closed, cube, Spheres([[0, 0, 0]], 1.0)])
-    for each in ({"colours": hole}, glass, net):
-        assert has_cutouts([*closed, dataclasses.replace(cube, appearance=Appearance(**each)), cube]), each
 
 
 def film_of(material=MATT, source=None, **settings):
@@ -144,7 +99,6 @@ PLANE = Mesh.from_arrays(
 
 def test_a_white_ball_is_invisible_in_a_white_furnace_and_black_in_the_dark():
     film = film_of(environment=np.ones((4, 8, 3)), max_bounces=50)
-    np.testing.assert_allclose(film[:, 0], 1, rtol=1e-6)
     np.testing.assert_allclose(film.mean(axis=(0, 1)), 1, rtol=2e-3)
     assert not film_of(environment=np.zeros((2, 2, 3)), samples=2).any()
     assert not film_of(environment=np.ones((2, 2, 3)), environment_strength=0, samples=2).any()
@@ -163,21 +117,6 @@ def test_a_bright_pixel_and_a_light_beside_the_map_light_a_plane_by_formula():
     for settings, expected in (({"light": down}, 2), ({}, 1)):
         film = film_of(source=PLANE, environment=np.ones((2, 4, 3)), **settings, **FROM_ABOVE)
         np.testing.assert_allclose(film.mean(axis=(0, 1)), expected, rtol=0.01)
-
-
-def test_rotation_turns_the_light():
-    # A ball half of which is lit: the light comes along +x, turned counter-clockwise about +y.
-    pixels = np.zeros((16, 32, 3))
-    pixels[8, 16] = 100
-    camera = clbvh.Camera((0, 9, 0.001), (0, 0, 0), (0, 1, 0), 20)
-    for rotation in (0, 90, -45):
-        settings = {"environment_rotation": rotation, "samples": 16, "max_bounces": 1, "camera": camera}
-        film = film_of(environment=pixels, **settings)[..., 0]
-        rows, columns = np.mgrid[: film.shape[0], : film.shape[1]]
-        right = (film * (columns - (film.shape[1] - 1) / 2)).sum()
-        above = (film * ((film.shape[0] - 1) / 2 - rows)).sum()
-        # Seen from above with -z at the top, +x is to the right.
-        assert np.degrees(np.arctan2(above, right)) == pytest.approx(rotation - 180 / 32, abs=3)
 
 
 def quadrants():
@@ -205,13 +144,3 @@ def test_a_panorama_camera_sees_the_map_and_a_mirror_what_is_behind_the_camera()
     # The normal halfway up reflects the zenith, which is white.
     assert film[3:16, 26].min(axis=1).max() > 0.9
     assert film[17:29, 26].min(axis=1).max() < 0.1
-
-
-def test_an_environment_is_uploaded_once_and_can_change():
-    with clbvh.Renderer(PLANE, shading="path", samples=1, width=48, height=32, environment=quadrants()) as renderer:
-        renderer.render()
-        white = {"environment": np.ones((2, 2, 3)), "environment_strength": 0.25}
-        second = renderer.render(keeps_film=True, eye=(0, -5, 0), look_at=(0, -9, 0), **white)
-        renderer.render(environment_rotation=360.0)
-        assert sum(isinstance(key, EnvironmentMap) for key in renderer._painters._known) == 2
-    np.testing.assert_allclose(second.film[0, :, :3], 0.25, rtol=1e-5)

@@ -95,14 +95,6 @@ def test_colours_are_stored_as_they_were_given():
     for row, column in np.ndindex(2, 2):
         part = rgb[2 + 10 * row : 8 + 10 * row, 2 + 10 * column : 8 + 10 * column]
         assert (part == colours[row, column, :3]).all()
-    # Colours of vertices, white on the right, are blended in linear light.
-    colours = np.full((2, 3, 4), 255, np.uint8)
-    colours[..., :3] *= (UVS[..., :1] > 0).astype(np.uint8)
-    ambient = Light(direction=(0, 0, -1), colour=(0, 0, 0), sky=(0.3,) * 3, ground=(0.3,) * 3)
-    steps = np.diff(show(make_square(colours=colours), light=ambient).film[10, 1:-1, 0])
-    assert steps.min() > 0
-    # The reflection at the edges is a little stronger than in the middle.
-    np.testing.assert_allclose(steps, steps.mean(), rtol=0.02)
 
 
 def test_transparent_pictures_have_bright_edges_and_black_shadows():
@@ -197,24 +189,3 @@ def test_a_constant_map_of_normals_is_a_tilted_normal():
             np.testing.assert_allclose(*pair, rtol=1e-3)
     # A texture without coordinates bends nothing.
     assert np.array_equal(film_of(bent(texture=MAP)), film_of(bent()))
-
-
-def test_the_light_on_a_map_of_normals_is_that_of_a_tilted_plane_by_formula():
-    # Of the directed light nine tenths arrive in `studio`; a picture of a black surface takes the highlight away.
-    light = Light((0.3, 0.4, 1), colour=(0.5, 0.25, 0.1), sky=(0, 0, 0), ground=(0, 0, 0))
-    uvs, *_ = place(0, 1)
-    films = [
-        film_of(
-            make_square(uvs=uvs, materials=[Material("a", base_colour=(grey,) * 3, normal_texture=MAP)]), light=light
-        )
-        for grey in (0.8, 0.0)
-    ]
-    cosine = BEND @ light.direction / np.linalg.norm(BEND) / np.linalg.norm(light.direction)
-    expected = np.broadcast_to(0.9 * 0.8 * np.array(light.colour) * cosine, films[0].shape)
-    np.testing.assert_allclose(films[0] - films[1], expected, rtol=1e-3)
-    # Ambient light is that on a tilted normal, too, and meets no surface.
-    ambient = Light(direction=(0, 0, 1), colour=(0, 0, 0), sky=(0.1, 0.2, 0.3), ground=(0.3, 0.1, 0.0))
-    found, tilted = (
-        np.median(film_of(mesh, light=ambient), axis=(0, 1)) for mesh in (bent(uvs, texture=MAP), bent(normal=BEND))
-    )
-    np.testing.assert_allclose(found, tilted, rtol=1e-2)

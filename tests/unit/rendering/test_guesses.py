@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -56,10 +54,9 @@ def test_a_mesh_stands_on_its_base_either_way():
         for unit in (1e-30, 1, 1e30):
             assert guess(mesh.with_vertices(mesh.vertices * unit), "obj").vector == Z_UP
             assert guess(mesh.with_vertices(mesh.vertices @ TURN.T * unit), "stl").vector == Y_UP
-    cone = as_mesh(CREATE.cone(1, 2, sections=2000))
-    strays = len(cone.vertices) + np.arange(3)
-    vertices, faces = np.vstack((cone.vertices, [[0, 0, -90]] * 3)), np.vstack((cone.faces, strays))
-    assert guess(clbvh.Mesh.from_arrays(vertices, faces), "obj").vector == Z_UP
+    # Nothing stands on a tip or an edge by the habit of its format.
+    for thickness, up in ((0.02, Y_UP), (0.05, Z_UP)):
+        assert guess(as_mesh(CREATE.box((thickness, 0.4, 1))), "stl").vector == up
 
 
 def test_the_format_decides_where_the_shape_does_not():
@@ -82,31 +79,6 @@ def test_an_eye_straight_above_has_the_other_axis():
     for place in ({"eye": (0, 9, 0)}, {"eye": (3, -9, 1), "look_at": (3, 0, 1)}):
         assert guess_up(bounds, **place) == (Z_UP, None)
     assert guess_up(bounds, (0, 9, 1)).vector == Y_UP
-
-
-def test_scans_that_stand_are_recognised_in_any_format(real_mesh_path):
-    for name in ("bun_zipper.ply", "dragon_871k.ply"):
-        mesh = clbvh.load_mesh(real_mesh_path(name))
-        assert guess(mesh, "stl").vector == Y_UP
-        assert guess(mesh.with_vertices(mesh.vertices @ TURN), "obj").vector == Z_UP
-
-
-def test_nothing_stands_on_a_tip_or_an_edge_by_a_habit():
-    for sections in (3, 12):
-        cone = CREATE.cone(1, 4, sections=sections)
-        spindle = trimesh.util.concatenate([cone, cone.copy().apply_scale((1, 1, -1))])
-        spindle.vertices[:, 0] += 0.3 * np.abs(spindle.vertices[:, 2])  # bent: both tips are beside the middle
-        vector, note = guess(as_mesh(spindle), "stl")
-        assert vector == Y_UP
-        assert note.startswith("y is up: the mesh is long along z, and would not stand on its end; --up 0,0,1")
-        assert guess(as_mesh(spindle.apply_scale((2.5, 2.5, 1))), "stl").vector == Z_UP
-    for thickness, up in ((0.02, Y_UP), (0.05, Z_UP)):
-        assert guess(as_mesh(CREATE.box((thickness, 0.4, 1))), "stl").vector == up
-
-
-def test_what_users_say_of_cameras_needs_no_numpy():
-    code = "import sys, clbvh.rendering.cameras.projection; sys.exit('numpy' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def cloud(seed, count=1000):
@@ -152,21 +124,6 @@ def test_the_gap_that_counts():
         assert find(points) == expected
 
 
-def test_the_outermost_of_a_galaxy_are_none():
-    distributions = [
-        lambda generator: generator.normal(size=5000),
-        lambda generator: generator.exponential(size=5000),
-        # Of a spiral galaxy, whose stars thin out beyond ten times the size of the middle.
-        lambda generator: 10 * generator.random(5000) ** 3,
-    ]
-    for seed in range(10):
-        for distribution in distributions:
-            generator = np.random.default_rng([82, seed])
-            directions = generator.normal(size=(5000, 3))
-            radii = distribution(generator) / np.linalg.norm(directions, axis=1)
-            assert not find(directions * radii[:, None], 1e-3)
-
-
 def with_specks(*places):
     """The ball with small triangles at some places."""
     speck = np.array([[0, 0, 0], [0.05, 0, 0], [0, 0.05, 0]])
@@ -207,15 +164,12 @@ def test_far_vertices_spheres_and_instances_are_left_out():
 
 
 def test_ordinary_things_are_framed_as_a_whole():
-    pole, flag = (CREATE.cylinder(0.02, 60), (0, 0, 30)), (CREATE.box((1, 0.01, 0.5)), (0.5, 0, 60))
-    here = (0, 0, 0)
+    here, pole, flag = (0, 0, 0), (CREATE.cylinder(0.02, 60), (0, 0, 30)), (CREATE.box((1, 0.01, 0.5)), (0.5, 0, 60))
     meshes = [
-        joined((CREATE.icosphere(4), here), pole, (CREATE.box((1, 0.01, 1)), here)),
-        joined((CREATE.icosphere(4), here), pole, flag),
+        joined((CREATE.icosphere(4), here), pole, flag), joined((BALL, here), (BALL, (500, 0, 0))),
         joined((CREATE.box((2, 2, 0.1)), here), (CREATE.icosphere(1, 0.05), (0, 0, 4))),
-        joined((BALL, here), (BALL, (500, 0, 0))),
         joined((CREATE.box((1000, 1000, 0.1)), here), (CREATE.icosphere(4), (400, 300, 1))),
-    ]
+    ]  # fmt: skip
     wholes = [SceneBounds.of_mesh(mesh) for mesh in meshes]
     wholes += [bounds_of(clbvh.open_scene(name)[0]) for name in ("demo", "galaxy", "meadow", "palace", "weekend")]
     radii, places = [109, 0.38, 0.95, 1, 0.53], [0, 9100, 17000, 23500, 35800]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import sys
 from contextlib import suppress
 
 import imageio.v3 as imageio
@@ -74,22 +73,13 @@ def test_other_names_are_refused_before_the_work(tmp_path):
     (tmp_path / "folder.ppm").mkdir()
     with_alpha = np.dstack((RGB, RGB[..., 0]))
     rows = [
-        *(
-            (lambda name=name: files.check_picture_path(tmp_path / name), r"must end in \.png")
-            for name in ("a.gif", "a")
-        ),
-        (lambda: files.check_hits_path(tmp_path / "hits.csv"), r"must end in \.npz"),
-        (lambda: files.check_picture_path(tmp_path / "gone" / "a.ppm"), "does not exist"),
-        (lambda: files.check_picture_path(tmp_path / "folder.ppm"), "this is a folder"),
-        (
-            lambda: files.write_picture(tmp_path / "a.ppm", with_alpha),
-            r"a \.ppm file has no transparency; write a \.png",
-        ),
-        (lambda: files.write_picture(tmp_path / "a.jpg", with_alpha), r"a \.jpg file has no transparency"),
-    ]
-    for call, words in rows:
+        ("a.gif", RGB, r"must end in \.png"), ("a", RGB, r"must end in \.png"), ("gone/a.ppm", RGB, "does not exist"),
+        ("folder.ppm", RGB, "this is a folder"), ("a.jpg", with_alpha, r"a \.jpg file has no transparency"),
+        ("a.ppm", with_alpha, r"a \.ppm file has no transparency; write a \.png"),
+    ]  # fmt: skip
+    for name, pixels, words in rows:
         with pytest.raises(ConfigError, match=words):
-            call()
+            files.write_picture(tmp_path / name, pixels)
     assert [path.name for path in tmp_path.iterdir()] == ["folder.ppm"]
 
 
@@ -118,13 +108,6 @@ def test_exr_holds_every_bit(tmp_path):
         (tmp_path / "a.exr").write_bytes(damaged)
         with pytest.raises(SceneError, match=r"a\.exr: this is no OpenEXR file"):
             files.read_exr(tmp_path / "a.exr")
-
-
-def test_a_missing_library_is_named_with_the_command(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "OpenEXR", None)
-    for call in (lambda: files.write_exr(io.BytesIO(), {"Y": RGB}), lambda: files.read_environment_map("a.exr")):
-        with pytest.raises(ConfigError, match="pip install OpenEXR"):
-            call()
 
 
 def test_environment_maps_are_colours_or_grey(tmp_path):
@@ -194,18 +177,15 @@ def test_radiance_pixels_are_those_of_the_formula(tmp_path):
 
 def test_damaged_radiance_files_are_refused(tmp_path):
     path = tmp_path / "bad.hdr"
+    head, one = HEAD + b"-Y 1 +X 9\n\x02\x02\x00\x09", b"-Y 1 +X 1\n1234"
     rows = [
-        (b"\x89PNG\r\n", "no Radiance file"),
-        (HEAD, "no Radiance file"),
-        (HEAD + b"-Y 2 +Z 3\n", "the size must read"),
-        (HEAD + b"-Y 0 +X 3\n", "empty or too large"),
-        (HEAD + b"-Y 999999999 +X 999999999\n", "empty or too large"),
-        (HEAD.replace(b"rgbe", b"xyze") + b"-Y 1 +X 1\n1234", "must be 32-bit_rle_rgbe"),
-        (HEAD.replace(b"\n\n", b"\nEXPOSURE=no\n\n") + b"-Y 1 +X 1\n1234", "exposure must be above 0"),
-        (HEAD + b"-Y 1 +X 9\n\x02\x02\x00\x09" + b"\x00\x89\x07" * 4, "row 0 of 1 is damaged"),
-        (HEAD + b"-Y 1 +X 9\n\x02\x02\x00\x09" + b"\x8a\x07" * 40, "row 0 of 1 is damaged"),
+        (b"\x89PNG\r\n", "no Radiance file"), (HEAD, "no Radiance file"), (HEAD + b"-Y 2 +Z 3\n", "the size must read"),
+        (HEAD + b"-Y 0 +X 3\n", "empty or too large"), (HEAD + b"-Y 999999999 +X 999999999\n", "empty or too large"),
+        (HEAD.replace(b"rgbe", b"xyze") + one, "must be 32-bit_rle_rgbe"),
+        (HEAD.replace(b"\n\n", b"\nEXPOSURE=no\n\n") + one, "exposure must be above 0"),
+        (head + b"\x00\x89\x07" * 4, "row 0 of 1 is damaged"), (head + b"\x8a\x07" * 40, "row 0 of 1 is damaged"),
         (HEAD + b"-Y 1 +X 3\n" + b"\x01\x01\x01\x03" * 3, "run-length code of old files"),
-    ]
+    ]  # fmt: skip
     rgbe, _ = make_rgbe(3, 40)
     for compressed in (True, False):
         whole = write(path, rgbe, compressed=compressed).read_bytes()

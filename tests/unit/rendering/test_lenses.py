@@ -79,26 +79,21 @@ def changed(row, column, value, matrix=K):
 
 
 def test_matrices_poses_and_sizes_of_no_camera_are_refused():
-    form, rigid = r"must be \[\[fx, skew, cx\]", "rigid"
+    form, rigid, eye = r"must be \[\[fx, skew, cx\]", "rigid", np.eye(4)
     matrices = [
-        (changed(0, 0, 0), "fx must be above 0, not 0"), (changed(1, 1, -60), "fy must be above 0, not -60"),
-        (changed(0, 0, np.nan), "must be finite"), (changed(1, 0, 1e-9), form), (changed(2, 2, 2), form),
-        (changed(2, 0, 1), form), (changed(0, 0, 1e-30), "no focal length"), (changed(1, 1, 1e30), "no focal length"),
-        (changed(0, 2, 1e30), "too far"), (changed(0, 1, 1e30), "too far"), (K.T, form),
-        (np.eye(4), r"3 x 3 numbers, not float64 of shape \(4, 4\)"), (None, "3 x 3 numbers, not None"),
-        ([[1, 2], [3]], "3 x 3 numbers, not rows of different lengths"), (K.astype(complex), "not complex128"),
+        (changed(0, 0, 0), "fx must be above 0"), (changed(1, 1, -60), "above 0"), (changed(1, 0, 1e-9), form),
+        (changed(0, 0, np.nan), "must be finite"), (changed(2, 2, 2), form), (changed(2, 0, 1), form), (K.T, form),
+        (changed(0, 0, 1e-30), "no focal length"), (changed(0, 2, 1e30), "too far"), (changed(0, 1, 1e30), "too far"),
+        (eye, "3 x 3 numbers"), (None, "3 x 3 numbers"), ([[1, 2], [3]], "3 x 3 numbers"), (K.astype(complex), "3 x 3"),
     ]  # fmt: skip
     poses = [
-        (2 * np.eye(4), "last row"), (POSE.T, "last row"), (np.diag([2.0, 2, 2, 1]), rigid),
-        (np.diag([1.0, 1, 1.01, 1]), rigid), (np.diag([0.0, 0, 0, 1]), rigid), (np.diag([1e200, 1, 1, 1]), rigid),
-        (changed(0, 1, 0.5, np.eye(4)), rigid), (np.diag([1.0, 1, -1, 1]), "mirrors"),
-        (changed(0, 3, np.nan, np.eye(4)), "finite"), (changed(0, 3, 1e308, np.eye(4)), "finite"),
-        (np.eye(3), "4 x 4 numbers"),
+        (2 * eye, "last row"), (POSE.T, "last row"), (np.diag([2, 2, 2, 1]), rigid), (np.diag([1e200, 1, 1, 1]), rigid),
+        (np.diag([1, 1, 1.01, 1]), rigid), (changed(0, 1, 0.5, eye), rigid), (np.diag([1.0, 1, -1, 1]), "mirrors"),
+        (changed(0, 3, np.nan, eye), "finite"), (changed(0, 3, 1e308, eye), "finite"), (np.eye(3), "4 x 4 numbers"),
     ]  # fmt: skip
-    sizes = [(size, "camera's") for size in ((0, 48), (64, -1), (64.0, 48), (True, 48), 64, (64, 48, 3), None)]
     rows = [((k, POSE, SIZE), words) for k, words in matrices] + [((K, pose, SIZE), words) for pose, words in poses]
-    rows += [((K, POSE, size), words) for size, words in sizes] + [((K, POSE, SIZE, "blender"), "must be one of")]
-    for arguments, words in rows:
+    rows += [((K, POSE, size), "camera's") for size in ((0, 48), (64.0, 48), (True, 48), 64, (64, 48, 3), None)]
+    for arguments, words in [*rows, ((K, POSE, SIZE, "blender"), "must be one of")]:
         with pytest.raises(SceneError, match=words):
             pytest.fail(str(Camera.from_intrinsics(*arguments)))
     with pytest.raises(SceneError, match="must be one of"):
@@ -127,16 +122,6 @@ def test_distortion_is_that_of_opencv_both_ways(distortion):
     assert_allclose(pixels, inside, rtol=0, atol=1e-8)
     assert_allclose(depths, z, rtol=1e-12)
     assert camera.lens.resized(128, 96).distortion == distortion
-
-
-def test_coefficients_come_in_the_shapes_of_opencv():
-    values = (-0.28, 0.11, 0.003, -0.004, 0.0)
-    for shape in ((5,), (1, 5), (5, 1), (4,)):
-        assert Lens.from_matrix(WIDE, SIZE, distortion=np.reshape(values[: max(shape)], shape)).distortion == values
-    assert Lens.from_matrix(WIDE, SIZE, distortion=np.zeros((1, 5))).distortion is None
-    for wrong in ((0.1,), np.zeros(8) + 0.1, (np.nan, 0, 0, 0), "abcd"):
-        with pytest.raises(SceneError, match="k1, k2, p1, p2"):
-            Lens.from_matrix(WIDE, SIZE, distortion=wrong)
 
 
 def test_a_distortion_that_folds_inside_the_picture_is_refused():

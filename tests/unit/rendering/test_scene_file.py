@@ -14,58 +14,29 @@ from clbvh.rendering.scene_file import parse_scene_file, plain_view, read_scene_
 from clbvh.scene.copies import Grid, Scatter
 
 OBJECTS = """
-[[object]]
-label = "ground"
-shape = "terrain"
-triangles = 500
-seed = 7
-height = 1.5
-colour = [0.1, 0.2, 0.3]
-scale = [2, 1, 2]
-rotate = [0, 90, 0]
-translate = [1, 2, 3]
-[[object]]
-name = "bunny"
-mask = 5
-matrix = [[1, 0, 0, 4], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
-repeat = {on = "ground", count = 30, seed = 4, scale = [0.5, 2], align = "normal", turn = false}
-[[object]]
-path = "parts/wheel.ply"
-[object.repeat]
-grid = [3, 1, 2]
-spacing = [1, 0, 2.5]
-[[object]]
-spheres = "galaxy"
-count = 50
-seed = 3
-arms = 4
-[[object]]
-spheres = "atoms.csv"
-radii = 0.5
-[[object]]
-centres = [[0, 0, 0], [1, 2, 3]]
-radii = [1, 0.5]
-[[object]]
-shape = "knot"
-repeat = {on = "ground", count = 2, scale = 3}
-[[object]]
-shape = "knot"
+object = [
+    {label = "ground", shape = "terrain", triangles = 500, seed = 7, height = 1.5, colour = [0.1, 0.2, 0.3],
+     scale = [2, 1, 2], rotate = [0, 90, 0], translate = [1, 2, 3]},
+    {name = "bunny", mask = 5, matrix = [[1, 0, 0, 4], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]],
+     repeat = {on = "ground", count = 30, seed = 4, scale = [0.5, 2], align = "normal", turn = false}},
+    {path = "parts/wheel.ply", repeat = {grid = [3, 1, 2], spacing = [1, 0, 2.5]}},
+    {spheres = "galaxy", count = 50, seed = 3, arms = 4},
+    {centres = [[0, 0, 0], [1, 2, 3]], radii = [1, 0.5]},
+    {shape = "knot", repeat = {on = "ground", count = 2, scale = 3}},
+    {shape = "knot"},
+]
 [view]
 eye = [0, 0, 9]
 look_at = [0, 1, 0]
 up = [0, 1, 0.5]
 projection = "fisheye:220.5"
 cut = "y<2"
-width = 64
 shading = "path"
-samples = 3
 background = [[0, 0, 0], [1, 1, 1]]
 environment = "sky.exr"
-[view.light]
-direction = [1, 1, 0]
-[view.wireframe]
-width = 2
-"""
+light = {direction = [1, 1, 0]}
+wireframe = {width = 2}
+""".replace("\n     ", " ")  # a table is on one line
 
 A = '[[object]]\nname = "a"\n'
 OAK = A + "[[material]]\nlabel = 'oak'\n"
@@ -92,8 +63,8 @@ def read(write):
 
 def test_every_key_reaches_its_object_and_the_view(write, tmp_path):
     file = parse_scene_file(write(OBJECTS))
-    assert list(file.objects) == ["ground", "bunny", "wheel", "galaxy", "atoms", "spheres", "knot", "knot 2"]
-    ground, bunny, wheel, galaxy, atoms, pair, knot, plain = file.objects.values()
+    assert list(file.objects) == ["ground", "bunny", "wheel", "galaxy", "spheres", "knot", "knot 2"]
+    ground, bunny, wheel, galaxy, pair, knot, plain = file.objects.values()
     assert dict(ground.source) == {"shape": "terrain", "triangles": 500, "seed": 7, "height": 1.5}
     assert (ground.colour, ground.mask, ground.repeat) == ((0.1, 0.2, 0.3), 2**32 - 1, None)
     assert (ground.transform == Transform((2, 1, 2), (0, 90, 0), (1, 2, 3)).matrix).all()
@@ -103,14 +74,13 @@ def test_every_key_reaches_its_object_and_the_view(write, tmp_path):
     assert dict(wheel.source) == {"path": str(tmp_path / "parts/wheel.ply")}
     assert (wheel.repeat, wheel.count) == (Grid((3, 1, 2), (1, 0, 2.5)), 6)
     assert (galaxy.number, galaxy.seed, galaxy.options, galaxy.count) == (50, 3, {"arms": 4}, 1)
-    assert dict(atoms.source) == {"spheres": str(tmp_path / "atoms.csv"), "radii": 0.5}
     assert dict(pair.source) == {"centres": ((0, 0, 0), (1, 2, 3)), "radii": (1, 0.5)}
     assert knot.repeat.scale == (3, 3)
     assert (plain.triangles, plain.seed, plain.options, plain.material) == (100_000, 0, {}, None)
     assert (plain.transform == np.eye(4)).all()
     assert file.view == View(
-        eye=(0, 0, 9), look_at=(0, 1, 0), up=(0, 1, 0.5), projection=Fisheye(220.5), width=64, shading="path",
-        cut=Cut.plane((0, 2, 0), (0, -1, 0)), samples=3, background=((0, 0, 0), (1, 1, 1)),
+        eye=(0, 0, 9), look_at=(0, 1, 0), up=(0, 1, 0.5), projection=Fisheye(220.5), shading="path",
+        cut=Cut.plane((0, 2, 0), (0, -1, 0)), background=((0, 0, 0), (1, 1, 1)),
         environment=tmp_path / "sky.exr", light=Light(direction=(1, 1, 0)), wireframe=Wireframe(width=2),
     )  # fmt: skip
 
@@ -163,55 +133,35 @@ def test_copies_are_upright_in_the_view_and_the_same_every_time(read):
 
 PARSED = [
     ("", r"no \[\[object\]\]: it needs a path"),
-    ("[object", "not a TOML file"),
-    ("lights = 1", "no key 'lights': there are object, material, view"),
     ('[object]\nname = "a"', r"write \[\[object\]\], not \[object\]"),
-    ("object = [1]", r"object\[0\]: expected table, got int"),
     ("[[object]]", "object 1: needs exactly one of path, name, shape, spheres, centres, not none of them"),
     (A + 'spheres = "b"', "object 1: needs exactly one of .*, not name and spheres"),
     (A + '[[object]]\nname = "b"\ncolor = 1', "object 2: there is no key 'color': did you mean 'colour'?"),
-    (A + 'label = " "', "object 1: the name of an object must be a text that is not empty"),
     (A + 'label = "x"\n[[object]]\nname = "b"\nlabel = "x"', "object 2: the scene has an object with the name 'x'"),
-    (A + "colour = [1, 2]", "object 1: colour: expected array of length 3, got 2"),
     (A + "colour = [1, 2, 1e400]", "scene.toml: numbers must be finite, not 1e400"),
     (A + "mask = 4294967296", "mask: expected int <= 4294967295"),
-    (A + "scale = [1, 0, 1]", "object 1: the transform's scale must be a finite number"),
-    (A + "scale = true", r"object 1: scale: expected float \| array, got bool"),
     (A + "scale = 2\nmatrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", "a matrix stands for"),
     (A + 'material = "oak"', r"object 1: there is no \[\[material\]\] with the label 'oak': there are none"),
     ("[[object]]\ncentres = [[1, 2, 3]]\nradii = [1, 2]", "2 radii do not fit 1 centres"),
-    ('[[object]]\nspheres = "galaxy"\nradii = 1', "no key 'radii'"),
     ('[[object]]\nspheres = "galaxie"\ncount = 9', "there are no spheres 'galaxie': take one of galaxy, weekend"),
-    ('[[object]]\nshape = "terrine"\ncolor = 1', "object 1: there is no shape 'terrine': take one of knot"),
     ('[[object]]\nshape = "terrain"\nturns = 2', "no key 'turns': there are label, .*, triangles, seed, height$"),
-    (A + "repeat = 3", "object 1: repeat: expected a table"),
     (A + "[object.repeat]", "object 1: repeat: needs either 'grid' and 'spacing', or 'on' and 'count'"),
-    (A + 'repeat = {grid = [1,1,1], on = "b"}', "needs either"),
     (A + "repeat = {grid = [1,0,1], spacing = [1,1,1]}", r"repeat: grid\[1\]: expected int >= 1"),
     (A + 'repeat = {on = "b", count = 3}', "no object above it with the label 'b': there are none"),
     (GROUND + 'repeat = {on = "b", count = 3}', "object 2: there is no object above .* 'b': there are ground"),
-    (GROUND + 'repeat = {on = "ground", count = 0}', "object 2: repeat: count: expected int >= 1"),
     (GROUND + 'repeat = {on = "ground", count = 1000000}', "1,000,001 copies are too many"),
     ('[[object]]\nspheres = "galaxy"\n' + A + 'repeat = {on = "galaxy", count = 1}', "must be a mesh"),
     (A + "repeat = {grid = [2,1,1], spacing = [1,1,1]}\n" + DOT + 'repeat = {on = "a", count = 1}', "placed once"),
     (A + "[[material]]\nmetallic = 1\n", "material 1: needs 'label'"),
     (OAK + "[[material]]\nlabel = 'oak'\n", "material 2: the scene has a material with the"),
-    (OAK + "metalic = 1\n", "material 1: there is no key 'metalic': did you mean 'metallic"),
-    (OAK + "roughness = 2\n", "material 1: the material's roughness must be a number from 0"),
     (OAK + "base_colour_texture = 'b.png'\n", r"base_colour_texture: .*b\.png: no such file"),
-    (OAK + "emission_texture = 'scene.toml'\n", "scene.toml: the file cannot be used as a"),
     (A + "[view]\nsample = 1", "view: there is no setting 'sample': did you mean 'samples'?"),
-    (A + "[view.light]\nup = 1", "view: light: there is no setting 'up'"),
-    (A + "[view]\nwidth = 1.5", "view: width must be a whole number from 1 to 65,535"),
     (A + "[view]\nsamples" + 3000 * ".a" + " = 1", "too many tables or lists within others"),
 ]
 LOADED = [
     (BALL.replace("80", "3"), r"scene\.toml: the object 'ball': .* at least 20 triangles"),
     (BALL + "matrix = [[1,0,0,0],[0,1,0,0],[0,0,0,0],[0,0,0,1]]", "'ball': .*transform.* is singular"),
-    (BALL + "repeat = {grid = [9,1,1], spacing = [1e308,1,1]}", "'ball': .* has -?inf in row 0"),
     ('[[object]]\npath = "gone.ply"', r"the object 'gone': .*gone\.ply: no such file"),
-    ('[[object]]\nspheres = "gone.csv"', r"the object 'gone': .*gone\.csv: no such file"),
-    ('[[object]]\nspheres = "galaxy"\narms = 0', "the object 'galaxy': the option 'arms'"),
     ('[[object]]\nspheres = "a.csv"', r"a\.csv: the file has no radii: give 'radii'"),
     ('[[object]]\nspheres = "b.csv"\nradii = 1', r"b\.csv: the file has its own radii: leave"),
     ('[[object]]\npath = "line.obj"\n' + BALL + 'repeat = {on = "line", count = 3}', "on a surface without area"),
@@ -235,25 +185,13 @@ def test_what_a_scene_must_not_say_is_named_with_its_place(write, tmp_path):
 
 
 MATERIALS = """
-[[material]]
-label = "all"
-base_colour = [0.1, 0.2, 0.3]
-alpha = 0.9
-alpha_cutoff = 0.5
-metallic = 1
-roughness = 0.25
-emission = [4, 5, 6]
-ior = 1.33
-transmission = 0.5
-base_colour_texture = "tiles.png"
-metallic_roughness_texture = "tiles.png"
-emission_texture = "tiles.png"
-normal_texture = "tiles.png"
-normal_scale = -0.5
-[[material]]
-label = "plain"
-base_colour_texture = "tiles.png"
-"""
+material = [
+    {label = "all", base_colour = [0.1, 0.2, 0.3], alpha = 0.9, alpha_cutoff = 0.5, metallic = 1, roughness = 0.25,
+     emission = [4, 5, 6], ior = 1.33, transmission = 0.5, normal_scale = -0.5, base_colour_texture = "tiles.png",
+     metallic_roughness_texture = "tiles.png", emission_texture = "tiles.png", normal_texture = "tiles.png"},
+    {label = "plain", base_colour_texture = "tiles.png"},
+]
+""".replace("\n     ", " ")
 
 
 def test_a_material_has_the_values_of_its_table(read, tmp_path):
@@ -285,9 +223,7 @@ def test_a_saved_view_is_the_same_one(tmp_path):
     rows = [
         {},
         {"samples": 3, "light": Light(direction=(1, 2, 3)), "ground": False, "up": "z"},
-        {"eye": (1, 2, 3), "look_at": (0, 0, 0.1), "fov": 20.5, "background": (1, 0.5, 0)},
         {"wireframe": True, "projection": "orthographic:0.1", "side": "top", "cut": "z=33.3%"},
-        {"wireframe": Wireframe(width=3), "cut": Cut.box((0, 0, 0), (1, 2, 0.1)), "frame": "all"},
         {"camera": LENS, "width": 320, "height": 240},
         {"camera": clbvh.Camera(*PLACE, projection=Fisheye(220.1))},
         {"camera": clbvh.Camera(*PLACE, aperture=0.1, focus_distance=3)},

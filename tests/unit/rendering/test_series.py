@@ -11,7 +11,7 @@ from PIL import Image
 import clbvh
 from clbvh.choices import STANDARD_VIEWS
 from clbvh.rendering import series
-from clbvh.rendering.image_files import GROUND, INK, draw_text, width_of
+from clbvh.rendering.image_files import GROUND, INK
 
 BOX = (np.array([[0, 0, 0], [4, 0, 0], [0, 2, 0], [0, 0, 1.0]]), [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 WIDTH, HEIGHT = 80, 60
@@ -59,25 +59,6 @@ def test_a_sheet_of_any_size_and_source(sheet):
         assert turned.pictures["top"].camera.axes()[2].tolist() == [0, 0, -1]
     with pytest.raises(clbvh.SceneError, match="width"):
         clbvh.contact_sheet(BOX, width=0)
-
-
-def test_the_ground_of_a_view_from_the_top_lies_below():
-    bare, grounded = (clbvh.contact_sheet(BALL, width=40, height=40, ground=ground) for ground in (False, True))
-    differs = {view for view in STANDARD_VIEWS if (bare.pictures[view].rgb != grounded.pictures[view].rgb).any()}
-    assert "top" in differs
-    assert "bottom" not in differs
-
-
-def test_lengths_and_letters():
-    for length, rounded in ((1, 1), (1.99, 1), (2, 2), (4.9, 2), (0.099, 0.05), (7e20, 5e20), (3e-31, 2e-31)):
-        assert series._round_down(length) == pytest.approx(rounded)
-    for scale in (1, 3):
-        pixels = np.full((20 * scale, 200 * scale, 3), GROUND, np.uint8)
-        draw_text(pixels, "Top x 4.5", 4 * scale, 100 * scale, scale)
-        rows, columns = np.nonzero((pixels != GROUND).any(axis=-1))
-        assert abs(np.ptp(columns) - width_of("Top x 4.5", scale)) <= 2 * scale
-        assert 6 * scale <= np.ptp(rows) <= 10 * scale
-    draw_text(pixels[:4, :10], "a long text", 1, 5, 2)  # is cut off
 
 
 @pytest.fixture

@@ -10,7 +10,6 @@ import pytest
 import clbvh
 from clbvh import Wireframe
 from clbvh.geometry.appearance.srgb import linear_to_srgb
-from clbvh.rendering import painters
 
 WIDTH, HEIGHT = 96, 64
 FRAME = {"eye": (0.5, 0.4, 3), "look_at": (0, 0, 0), "up": (0.1, 1, 0.2)}
@@ -79,17 +78,6 @@ def test_lines_have_their_width_around_the_projected_edges(name):
         assert not obtained[~picture.hits.is_hit].any()
 
 
-def test_lines_depend_neither_on_the_size_of_the_mesh_nor_on_triangles_without_area():
-    camera = CAMERAS["perspective"][0]
-    expected, _ = draw_share(SQUARE, camera=camera)
-    for scale in (1e-30, 1e30):
-        moved = dataclasses.replace(camera, eye=tuple(np.array(camera.eye) * scale))
-        obtained, _ = draw_share(clbvh.Mesh.from_arrays(CORNERS * scale, SQUARE.faces), camera=moved)
-        np.testing.assert_allclose(obtained, expected, rtol=0, atol=2 * ROUNDING)
-    flat = clbvh.Mesh.from_arrays(CORNERS, [[0, 1, 2], [0, 0, 1], [0, 2, 3], [1, 2, 2]])
-    np.testing.assert_array_equal(draw_share(flat, camera=camera)[0], expected)
-
-
 def test_triangles_as_small_as_pixels_have_no_lines():
     ball = clbvh.make_shape("icosphere", triangles=20_480)
     means = []
@@ -122,19 +110,6 @@ def test_instances_have_lines_and_spheres_have_none():
     np.testing.assert_allclose(share[is_mesh], expected[is_mesh], rtol=0, atol=2 * ROUNDING)
 
 
-@pytest.mark.parametrize(("shading", "samples"), [("lambert+shadow", 1), ("studio", 5), ("path", 3)])
-def test_the_same_bytes_for_any_band_and_launch(shading, samples, monkeypatch):
-    view = {"width": WIDTH, "height": HEIGHT, "shading": shading, "samples": samples, "up": "y"}
-    with clbvh.Renderer(two_objects(), **view) as renderer:
-        bare, lines = renderer.render(), Wireframe(1.5, (1, 0.2, 0))
-        expected = renderer.render(wireframe=lines)
-        assert (bare.rgb != expected.rgb).any(axis=2).mean() > 0.02
-        np.testing.assert_array_equal(bare.found, expected.found)
-        monkeypatch.setattr(painters, "_LAUNCH_S", 0.0)
-        monkeypatch.setattr(renderer._frames, "_band_pixels", 7 * WIDTH)
-        np.testing.assert_array_equal(renderer.render(wireframe=lines).rgb, expected.rgb)
-
-
 def test_neither_light_nor_exposure_changes_the_colour():
     # The middle of the diagonal, across the picture.
     camera = clbvh.Camera((0.05, 0.05, 0.4), (-0.05, 0.05, 0.15))
@@ -143,16 +118,3 @@ def test_neither_light_nor_exposure_changes_the_colour():
     for shading in ({"shading": "lambert"}, {"tone_curve": "linear"}, {"tone_curve": "filmic"}):
         rgb = clbvh.render(SQUARE, **shading, **view).rgb
         np.testing.assert_allclose(rgb[32, 32], linear_to_srgb(wide.colour) * 255, atol=1)
-
-
-def test_lines_are_those_of_the_surface_that_shows_through_a_hole():
-    view = {"camera": CAMERAS["perspective"][0], "shading": "studio", "samples": 4, "background": (0.5, 0.5, 0.5)}
-    expected, _ = draw_share(SQUARE, **view)
-    # A dense sheet with other edges, through which everything is seen.
-    sheet, hole = clbvh.make_shape("terrain", triangles=200), clbvh.Material("hole", alpha=0.0)
-    scene = clbvh.Scene(SQUARE)
-    scene.place(scene.add(sheet), clbvh.Transform(2, (90, 0, 0), (0, 0, 0.8)), material=hole)
-    obtained, picture = draw_share(scene, **view)
-    assert (picture.hits.instance_id == 1).mean() > 0.3
-    # Light that is drawn with other numbers, in 8 bits of sRGB.
-    np.testing.assert_allclose(obtained, expected, rtol=0, atol=0.1)
