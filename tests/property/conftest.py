@@ -1,10 +1,16 @@
-"""Worker pools that property tests share."""
+"""What property tests share: hypothesis takes fixtures of the session only."""
 
 from __future__ import annotations
 
 import pytest
 
 from clbvh import SubtreePool
+
+
+@pytest.fixture(scope="session")
+def opened(_opened_device):
+    """The default device."""
+    return _opened_device
 
 
 @pytest.fixture(scope="session")

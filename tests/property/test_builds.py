@@ -42,18 +42,14 @@ HAND_PICKED = st.lists(st.tuples(CORNERS, CORNERS, CORNERS), min_size=1, max_siz
 )
 MESHES = st.one_of(SOUPS, HAND_PICKED)
 
-OPTIONS = st.fixed_dictionaries(
-    {
-        "bins": st.sampled_from([2, 3, 8, 16, 64]),
-        "leaf_size": st.sampled_from([1, 2, 4, 8, 255]),
-        "traversal_cost": st.sampled_from([0.01, 1.0, 8.0]),
-    }
-)
+LEAF_SIZES = st.sampled_from([1, 2, 4, 8, 255])
 QUALITIES = st.sampled_from(["fast", "default", "high"])
+BUILDS = st.one_of(
+    QUALITIES.map(lambda name: {"quality": name}), st.sampled_from([{"builder": name} for name in VARIANTS])
+)
 
 # Variants of the ladder that look for the same split, by different ways.
 SAME_TREE = (("sequential", "naive", "range", "cached", "median"), ("bin", "atomic", "flatten", "flat"))
-BUILDERS = st.sampled_from([*VARIANTS, "sah"])
 
 
 def bytes_of(bvh):
@@ -68,24 +64,32 @@ def assert_right(bvh, leaf_size):
 
 
 @examples(short=150, long=3000)
-@given(mesh=MESHES, options=OPTIONS, quality=QUALITIES)
-def test_a_tree_is_right_and_high_quality_is_never_costlier(mesh, options, quality):
+@given(
+    mesh=MESHES,
+    leaf_size=LEAF_SIZES,
+    bins=st.sampled_from([2, 3, 8, 16, 64]),
+    cost=st.sampled_from([0.01, 1.0, 8.0]),
+    quality=QUALITIES,
+)
+def test_a_tree_is_right_and_high_quality_is_never_costlier(mesh, leaf_size, bins, cost, quality):
+    options = {"leaf_size": leaf_size, "bins": bins, "traversal_cost": cost}
     bvh = build(mesh, quality=quality, **options)
-    assert_right(bvh, options["leaf_size"])
+    assert_right(bvh, leaf_size)
     if quality == "high":
-        cost = {"traversal_cost": options["traversal_cost"]}
-        assert sah_cost(bvh, **cost) <= sah_cost(build(mesh, **options), **cost)
+        assert sah_cost(bvh, traversal_cost=cost) <= sah_cost(build(mesh, **options), traversal_cost=cost)
 
 
-@examples(short=40, long=600)
-@given(mesh=MESHES, options=OPTIONS, quality=QUALITIES)
-@example(mesh=make_soup(3000, seed=1), options={"leaf_size": 1}, quality="default")
-def test_the_bytes_do_not_depend_on_workers_nor_thresholds(mesh, options, quality, pools):
-    serial = build(mesh, quality=quality, **options)
+@examples(short=40, long=1000)
+@given(mesh=MESHES, leaf_size=LEAF_SIZES, threshold=st.sampled_from([1, 7, 64, 10**6]), how=BUILDS)
+@example(mesh=make_soup(3000, seed=1), leaf_size=1, threshold=30, how={"quality": "default"})
+@example(mesh=make_soup(3000, seed=1), leaf_size=1, threshold=30, how={"builder": "atomic"})
+@example(mesh=make_soup(3000, seed=1), leaf_size=1, threshold=30, how={"builder": "naive"})
+def test_the_bytes_do_not_depend_on_workers_nor_thresholds(mesh, leaf_size, threshold, how, pools):
+    serial = build(mesh, leaf_size=leaf_size, workers=1, **how)
     for workers, pool in pools.items():
-        for threshold in (1, 7, 64, 10**6):
-            shared = build(mesh, pool=pool, task_threshold=threshold, quality=quality, **options)
-            assert bytes_of(shared) == bytes_of(serial), f"{workers} workers, threshold {threshold}"
+        for who in ({"pool": pool}, {"workers": workers}):
+            shared = build(mesh, leaf_size=leaf_size, task_threshold=threshold, **who, **how)
+            assert bytes_of(shared) == bytes_of(serial), who
 
 
 @examples(short=30, long=1000)
@@ -97,18 +101,6 @@ def test_variants_that_share_a_split_make_the_same_right_tree(mesh, leaf_size, b
         assert_right(trees[0], leaf_size)
         assert len({bytes_of(tree) for tree in trees}) == 1
     validate_tree(build_tree(mesh, "frontier", None, options), max_depth=MAX_DEPTH, max_leaf_size=options.frontier)
-
-
-@examples(short=12, long=400)
-@given(mesh=MESHES, frontier=st.sampled_from([4, 64, 8192]), name=BUILDERS, threshold=st.sampled_from([1, 30, 10**6]))
-@example(mesh=make_soup(3000, seed=1), frontier=8192, name="atomic", threshold=30)
-@example(mesh=make_soup(3000, seed=1), frontier=8192, name="naive", threshold=30)
-def test_the_bytes_of_a_variant_do_not_depend_on_workers(mesh, frontier, name, threshold, pools):
-    options = BuildOptions(leaf_size=1, frontier=frontier, task_threshold=threshold)
-    serial = build_tree(mesh, name, None, options)
-    for workers, pool in pools.items():
-        in_threads = build_tree(mesh, name, None, options, workers)
-        assert bytes_of(build_tree(mesh, name, pool, options)) == bytes_of(in_threads) == bytes_of(serial), workers
 
 
 @examples(short=40, long=500)
@@ -126,15 +118,13 @@ def test_a_power_of_two_as_unit_of_length_does_not_matter(mesh, shift, quality):
 def test_workers_that_share_a_large_tree_give_the_same_bytes(pools):
     generator = np.random.default_rng(1)
     dust = Spheres(generator.uniform(-2, 2, (30_000, 3)), generator.uniform(0.001, 0.01, 30_000))
-    for shape, builder in ((make_shape("palace", triangles=60_000), "high"), (dust, "sah")):
+    for shape, options in (
+        (make_shape("palace", triangles=60_000), BuildOptions(quality="high")),
+        (dust, BuildOptions(task_threshold=5000)),
+    ):
+        alone = build_tree(shape, "sah", None, options)
         for workers, pool in pools.items():
-            if builder == "high":
-                alone, shared = build(shape, quality="high"), build(shape, quality="high", pool=pool)
-                assert_right(alone, 4)
-            else:
-                options = BuildOptions(task_threshold=5000)
-                alone, shared = (build_tree(shape, builder, one, options) for one in (None, pool))
-            assert bytes_of(shared) == bytes_of(alone), workers
+            assert bytes_of(build_tree(shape, "sah", pool, options)) == bytes_of(alone), workers
 
 
 def test_triangles_that_all_overlap_take_no_quadratic_time():

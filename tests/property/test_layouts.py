@@ -6,7 +6,6 @@ See `tests/grazing.py` for the meshes and rays. The hits are the device's own: r
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import Phase, given, strategies as st
 
 from clbvh import build
@@ -18,17 +17,11 @@ from ..kernel.casting import open_caster
 from ..profiles import examples
 from ..worlds import mesh_on_device
 
-# A long run casts a million rays.
 RAYS_PER_KIND = 500
-SHORT_MESHES, LONG_MESHES = 24, 500
-SHORT_PICTURES, LONG_PICTURES = 8, 200
 WIDTH, HEIGHT = 72, 40
 
 # Seeds have no simpler ones, so a failing example is not shrunk.
 PHASES = (Phase.explicit, Phase.generate)
-
-# A limit for count_hits and all_hits that many of the rays reach.
-FEW_HITS = 3
 
 BUILDS = {
     "default": {},
@@ -41,12 +34,7 @@ BUILDS = {
 }
 
 
-@pytest.fixture(scope="module")
-def opened(_opened_device):
-    return _opened_device
-
-
-def limits_of(hits, generator):
+def make_limits(hits, generator):
     """Limits of which many are the t of a hit, exactly: of the same ray, or of another one."""
     t = np.where(hits["prim_id"] == NO_PRIM, 1, hits["t"])
     t_min = np.where(generator.random(len(t)) < 0.4, t, 0)
@@ -56,37 +44,28 @@ def limits_of(hits, generator):
     return t_min, t_max
 
 
-def answers(cast, rays, limits):
+def ask(cast, rays, limits):
     """What all queries find, by name."""
-    found = {"closest_hit": cast("closest_hit", *rays)}
-    t_min, t_max = limits(found["closest_hit"])
-    found["closest_hit, limits"] = cast("closest_hit", *rays, t_min, t_max)
-    found["any_hit"] = cast("any_hit", *rays)
-    found["any_hit, limits"] = cast("any_hit", *rays, t_min, t_max)
-    for name, max_hits in (("", {}), (", few", {"max_hits": FEW_HITS})):
-        found["count_hits" + name] = cast("count_hits", *rays, t_min, t_max, **max_hits)
-        found["all_hits" + name], found["offsets" + name] = cast("all_hits", *rays, t_min, t_max, **max_hits)
+    found = {"closest_hit, limits": cast("closest_hit", *rays, *limits)}
+    for name, bounds in (("", ()), (", limits", limits)):
+        found["any_hit" + name] = cast("any_hit", *rays, *bounds)
+    # A limit that many of the rays reach.
+    for name, most in (("", {}), (", few", {"max_hits": 3})):
+        found["count_hits" + name] = cast("count_hits", *rays, *limits, **most)
+        found["all_hits" + name], found["offsets" + name] = cast("all_hits", *rays, *limits, **most)
     return found
 
 
-def differing(found, expected):
-    """The names of the answers that differ in any bit."""
-    return [name for name, answer in expected.items() if found[name].tobytes() != answer.tobytes()]
-
-
-@examples(short=SHORT_MESHES, long=LONG_MESHES, phases=PHASES)
+@examples(short=24, long=500, phases=PHASES)
 @given(kind=st.sampled_from(sorted(MESHES)), tree=st.sampled_from(sorted(BUILDS)), seed=st.integers(0, 2**32 - 1))
 def test_all_layouts_and_builders_answer_alike(opened, kind, tree, seed):
-    mesh = make_mesh(kind, np.random.default_rng(seed))
-    generator = np.random.default_rng([seed, 1])
+    mesh, generator = make_mesh(kind, np.random.default_rng(seed)), np.random.default_rng([seed, 1])
     parts = [make_rays(ray_kind, mesh, RAYS_PER_KIND, generator) for ray_kind in RAYS]
     rays = tuple(np.concatenate(part) for part in zip(*parts, strict=True))
-
-    def limits(hits):
-        return limits_of(hits, np.random.default_rng([seed, 2]))
-
     with open_caster(opened, mesh, None) as cast:
-        expected = answers(cast, rays, limits)
+        closest = cast("closest_hit", *rays)
+        limits = make_limits(closest, np.random.default_rng([seed, 2]))
+        expected = ask(cast, rays, limits)
     # A crossing that counts is found in any way of asking.
     hits, counts = expected["closest_hit, limits"], expected["count_hits"]
     np.testing.assert_array_equal(hits["prim_id"] != NO_PRIM, counts > 0)
@@ -99,10 +78,12 @@ def test_all_layouts_and_builders_answer_alike(opened, kind, tree, seed):
     order = np.lexsort((*rays[0].T.round(1), *rays[1].T.round(1)))
     for layout in LAYOUT_WIDTHS:
         with open_caster(opened, mesh, bvh, layout) as cast:
-            assert differing(answers(cast, rays, limits), expected) == [], layout
+            assert cast("closest_hit", *rays).tobytes() == closest.tobytes(), layout
+            found = ask(cast, rays, limits)
+            assert [name for name in found if found[name].tobytes() != expected[name].tobytes()] == [], layout
         with open_caster(opened, mesh, bvh, layout, tile=(4, 1), with_entry_points=True) as cast:
             in_tiles = cast("closest_hit", *(part[order] for part in rays))
-            assert in_tiles.tobytes() == expected["closest_hit"][order].tobytes(), layout
+            assert in_tiles.tobytes() == closest[order].tobytes(), layout
 
 
 def grazing_view(mesh, generator):
@@ -119,23 +100,15 @@ def grazing_view(mesh, generator):
     return view
 
 
-@pytest.fixture(scope="module")
-def draw(opened):
-    """A function from a mesh, its tree, a layout and a view to the hits of a picture."""
-
-    def run(mesh, bvh, layout, view):
-        with mesh_on_device(opened, mesh, bvh, layout) as world:
-            return FrameRenderer(opened, world).render(view, OneRayPainter(opened, world, (8, 8)))[1]
-
-    return run
-
-
-@examples(short=SHORT_PICTURES, long=LONG_PICTURES, phases=PHASES)
+@examples(short=8, long=200, phases=PHASES)
 @given(kind=st.sampled_from(sorted(MESHES)), seed=st.integers(0, 2**32 - 1))
-def test_pictures_have_the_same_hits(draw, kind, seed):
+def test_pictures_have_the_same_hits(opened, kind, seed):
     generator = np.random.default_rng(seed)
     mesh = make_mesh(kind, generator)
     view = grazing_view(mesh, generator)
-    expected = draw(mesh, None, "auto", view)
-    for layout in LAYOUT_WIDTHS:
-        assert draw(mesh, build(mesh), layout, view).tobytes() == expected.tobytes(), layout
+    found = []
+    for bvh, layout in ((None, "auto"), *((build(mesh), layout) for layout in LAYOUT_WIDTHS)):
+        with mesh_on_device(opened, mesh, bvh, layout) as world:
+            hits = FrameRenderer(opened, world).render(view, OneRayPainter(opened, world, (8, 8)))[1]
+        found.append(hits.tobytes())
+        assert found[-1] == found[0], layout

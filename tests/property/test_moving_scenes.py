@@ -19,11 +19,6 @@ NEAR = ("distance", "point", "prim_id", "instance_id", "geometry_id")
 MOVES = ("some transforms", "all transforms", "the same transforms", "bend", "shake", "shift", "the same vertices")
 
 
-@pytest.fixture(scope="module")
-def opened(_opened_device):
-    return _opened_device
-
-
 def draw_transforms(count, generator):
     """Transforms of every kind; a geometry of the scene's size, whatever its unit, is moved within the grid's."""
     kinds = generator.choice(list(LINEAR), count)

@@ -20,11 +20,6 @@ POINTS = 80
 CLOSED = ("cube", "ball", "spheres", "more spheres")
 
 
-@pytest.fixture(scope="module")
-def opened(_opened_device):
-    return _opened_device
-
-
 def make_points(scene):
     """Points on the grid and between, in and around instances, and a few far away."""
     generator, transforms = scene.generator, scene.state.transforms

@@ -18,11 +18,6 @@ from .random_scenes import KINDS, LINEAR, RAY_MASKS, RAYS, make_scene, random_sc
 FIELDS = ("t", "u", "v", "prim_id", "instance_id", "geometry_id", "is_front", "locations", "offsets")
 
 
-@pytest.fixture(scope="module")
-def opened(_opened_device):
-    return _opened_device
-
-
 def as_bytes(answer):
     if isinstance(answer, np.ndarray):
         return answer.tobytes()
