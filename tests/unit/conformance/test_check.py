@@ -108,16 +108,6 @@ def script(monkeypatch):
     return module
 
 
-def test_runtimes_that_are_not_there_are_skipped_and_unknown_ones_refused(script, monkeypatch, capsys):
-    monkeypatch.setattr(script, "RUNTIMES", [replace(each, find_library=lambda: None) for each in script.RUNTIMES])
-    assert script.main(["rusticl"]) == 1  # nothing was compared
-    assert "rusticl: skipped, needs mesa-opencl-icd" in capsys.readouterr().err
-    with pytest.raises(SystemExit) as ended:
-        script.main(["beignet"])
-    assert ended.value.code == 2
-    assert "'beignet' is no runtime" in capsys.readouterr().err
-
-
 def test_findings_of_the_simulator_are_counted_and_the_planted_write_has_a_place(script):
     errors = "\nInvalid write of size 1 at global memory address 0x4\n\tKernel: any_hit\n\tEntity: Global(0,0,0)\n\n"
     race = "Write-write data race at global memory address 0x4\n\tKernel: any_hit\n"
