@@ -34,10 +34,6 @@ def test_all_queries_agree(tracer, rays, expected):
     first = expected.offsets[:-1][closest.is_hit]
     for field in ("t", "u", "v", "prim_id", "locations", "normals"):
         np.testing.assert_array_equal(getattr(expected, field)[first], getattr(closest, field)[closest.is_hit])
-    on_ray = rays[0][expected.ray_id] + expected.t[:, None] * rays[1][expected.ray_id]
-    distance = np.linalg.norm(on_ray - expected.locations, axis=1)
-    assert np.quantile(distance, 0.95) < 1e-13
-    assert distance.max() < 1e-3
 
 
 @pytest.mark.parametrize("most", [None, 1, 2, 1000])

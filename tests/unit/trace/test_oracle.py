@@ -1,4 +1,4 @@
-"""The oracles, for meshes and for scenes: right answers by formula pass, each wrong one is found, doubt is admitted."""
+"""The oracle: right answers by formula pass, each wrong one is found, doubt is admitted."""
 
 from types import SimpleNamespace
 
@@ -9,18 +9,14 @@ from clbvh import Mesh, Spheres
 from clbvh.structs import NO_PRIM
 from clbvh.trace.check.intersections import Rays
 from clbvh.trace.check.reference import Reference
-from clbvh.trace.hits.hits import AllHits, Hits
+from clbvh.trace.hits.hits import Hits
 
-from ... import mesh_reference
 from ...all_hits_reference import find_wrong_crossings
 from ...mesh_reference import find_differences
 from ...rays import mesh_as_on_device
 from .scene_states import affine, make_state, random_linear
 
 NAN, INF = np.nan, np.inf
-SQUARE = Mesh.from_arrays([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-BALL = Spheres([[0, 0, 0]], 1.0)
-SHEAR = np.array([[1, 0.5, 0], [0, 1, 0.25], [0, 0, 1]])
 NOT_HERE = "the ray does not cross this primitive at this t"
 TWIN = "an equal primitive in the same place has smaller ids"
 
@@ -55,22 +51,11 @@ def test_hits_of_a_triangle_are_judged():
         ([0.5, 1e-5, 2], down), ([0.5, -1e-5, 2], down, 2, 0.5, 0, 0), ([-1, 1.5, 0], [1, 0, 0], 1, 0, 1, 0),
         ([3, 0, 2], down, 2, 1, 0, 2),
         *(([5, 5, 2], down, *hit) for hit in ((2, 0, 1, 0), (NAN, 0, 0, 0), (5, 0, 0, NO_PRIM))),
+        *((origin, down, 2, 0.25, 0.5, prim) for prim in (1, 2, 3, 2**31 - 1, -2)),
+        *((origin, down, *hit) for hit in ((-2, 0.25, 0.5, 0), (INF, 0.25, 0.5, 0), (2, 0.5, 0.25, 0))),
     ]  # fmt: skip
     for row in failing:
         assert len(judge(mesh, *row)) == 1, row
-    wrong = [
-        (), (3, 0.25, 0.5, 1), *((2, 0.25, 0.5, prim) for prim in (1, 2, 3, 2**31 - 1, -2)),
-        *((t, 0.25, 0.5, 0) for t in (1.9999, 2.0001, -2, NAN, INF)), (2, 0.5, 0.25, 0), (2, 0.2501, 0.5, 0),
-        (2, 0.25, 0.4999, 0), (2, NAN, 0.5, 0), (2, 0.25, NAN, 0),
-    ]  # fmt: skip
-    for hit in wrong:
-        (found,) = judge(mesh, origin, down, *hit)
-        assert (found.ray, found.expected) == (0, (2, 0, 0)), hit
-    for prims, is_wrong in (([0, 1], False), ([0], True), ([0, 0, 1], True), ([0, 2], True)):
-        u, offsets = np.full(len(prims), 0.25), np.array([0, len(prims)])
-        hits = AllHits(2.0 + np.array(prims), u, 2 * u, np.array(prims), mesh, offsets=offsets)
-        wrong = mesh_reference.find_wrong_crossings(mesh, np.array([origin], float), np.array([down], float), hits)
-        assert (len(wrong) == 1) == is_wrong, prims
 
 
 def hit(t, instance, geometry, prim, u, v):
@@ -83,12 +68,16 @@ DOWN = [[0.5, 0.25, 2]], [[0, 0, -1]]  # in the face 0 of the square, with u = 0
 HERE = (0.125, 0.625)
 
 
+def make_square():
+    return Mesh.from_arrays([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+
+
 def reasons(state, ray, hits, **limits):
     return [found.reason for found in Reference(state).find_differences(Rays.make(*ray, **limits), hits)]
 
 
 def test_hits_in_a_scene_are_judged():
-    state, away = make_state([SQUARE], (0, affine()), (0, affine(offset=(0, 0, -1)))), (DOWN[0], [[0, 0, 1]])
+    state, away = make_state([make_square()], (0, affine()), (0, affine(offset=(0, 0, -1)))), (DOWN[0], [[0, 0, 1]])
     assert reasons(state, DOWN, hit(2.0, 0, 0, 0, *HERE)) == reasons(state, away, MISS) == []
     for wrong, reason in (
         (MISS, "a primitive is surely hit"),
@@ -114,19 +103,19 @@ def test_hits_in_a_scene_are_judged():
         ray = [[1 + beside, 0.25, 2]], [[0, 0, -1]]
         assert Reference(state).closest_hit(Rays.make(*ray)).is_decided[0] == is_decided, beside
         assert len(reasons(state, ray, MISS)) == (beside == -1e-3)
-    assert reasons(make_state([SQUARE]), DOWN, MISS) == []
+    assert reasons(make_state([make_square()]), DOWN, MISS) == []
 
 
 def test_of_equal_primitives_in_one_place_the_first_wins():
-    sheared = affine(SHEAR)
+    square, sheared = make_square(), affine(np.array([[1, 0.5, 0], [0, 1, 0.25], [0, 0, 1]]))
     ray, uv = ([[0.5, 0.125, 2]], [[0, 0, -1]]), (0.15625, 0.5625)
-    state = make_state([SQUARE], (0, sheared, 1), (0, sheared, 1), (0, sheared, 2))
+    state = make_state([square], (0, sheared, 1), (0, sheared, 1), (0, sheared, 2))
     for instance, mask, found in ((0, 3, []), (1, 3, [TWIN]), (2, 1, [NOT_HERE]), (2, 2, [])):
         assert reasons(state, ray, hit(2.0, instance, 0, 0, *uv), mask=mask) == found, (instance, mask)
-    twice = Mesh.from_arrays(SQUARE.vertices, np.concatenate((SQUARE.faces, SQUARE.faces)))
+    twice = Mesh.from_arrays(square.vertices, np.concatenate((square.faces, square.faces)))
     for prim, found in ((0, []), (2, [TWIN])):
         assert reasons(make_state([twice], (0, affine())), DOWN, hit(2.0, 0, 0, prim, *HERE)) == found
-    touching = make_state([SQUARE], (0, affine()), (0, affine((1, 1, 2))))
+    touching = make_state([square], (0, affine()), (0, affine((1, 1, 2))))
     assert not Reference(touching).closest_hit(Rays.make(*DOWN)).is_decided
     for instance in (0, 1):
         assert reasons(touching, DOWN, hit(2.0, instance, 0, 0, *HERE)) == []
@@ -135,12 +124,13 @@ def test_of_equal_primitives_in_one_place_the_first_wins():
 @pytest.mark.parametrize("scale", [1e-30, 1.0, 1e30])
 @pytest.mark.parametrize("offset", [0.0, 1e7])
 def test_any_transform_against_a_linear_system(scale, offset):
+    square = make_square()
     for seed in range(3):
         generator = np.random.default_rng(seed)
         linear, move = random_linear(generator) * scale, generator.normal(size=3) * offset * scale
-        state = make_state([SQUARE], (0, affine(linear, move)))
+        state = make_state([square], (0, affine(linear, move)))
         u, v = generator.dirichlet([2, 2, 2], 50).T[:2]
-        a, b, c = SQUARE.vertices[SQUARE.faces[0]]
+        a, b, c = square.vertices[square.faces[0]]
         points = (a + u[:, None] * (b - a) + v[:, None] * (c - a)) @ linear.T + move
         t, directions = generator.uniform(0.5, 2, 50), generator.normal(size=(50, 3)) * scale
         rays = Rays.make(points - t[:, None] * directions, directions)
@@ -153,9 +143,19 @@ def test_any_transform_against_a_linear_system(scale, offset):
             assert len(Reference(state).find_differences(rays, hits)) == wrong
 
 
+def test_hits_of_a_sphere_are_judged_by_their_angles_and_doubted_at_its_rim():
+    reference = Reference(make_state([Spheres([[0, 0, 0]], 1.0)], (0, affine())))
+    for beside, least, most in ((1 - 1e-7, 0, 2), (1 + 1e-7, 0, 2), (1 - 1e-4, 2, 2), (1 + 1e-4, 0, 0)):
+        assert reference.count_range(Rays.make([[beside, 0, -3]], [[0, 0, 1]])) == (least, most), beside
+    state = make_state([Spheres([[1, 0, 0], [9, 9, 9]], [0.5, 0.1])], (0, affine((1, 2, 1))))
+    for wrong, *tuv in ((0, 2, 0.75, 0.5), (1, 2.001, 0.75, 0.5), (1, 2, 0.7501, 0.5), (1, 2, 0.75, 0.5001)):
+        found = reasons(state, ([[1, -3, 0]], [[0, 1, 0]]), hit(tuv[0], 0, 0, 0, *tuv[1:]))
+        assert len(found) == wrong, tuv
+
+
 def test_all_hits_of_a_ray_are_judged():
     """Through three squares, two of which coincide."""
-    reference = Reference(make_state([SQUARE], *((0, affine(offset=(0, 0, z))) for z in (1, 0, 1))))
+    reference = Reference(make_state([make_square()], *((0, affine(offset=(0, 0, z))) for z in (1, 0, 1))))
 
     def is_wrong(rows, ray=DOWN):
         t, instance, prim, u, v = np.array(rows, np.float64).reshape(-1, 5).T

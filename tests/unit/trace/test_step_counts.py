@@ -12,9 +12,6 @@ from clbvh.trace.hits.closest import count_steps
 from ..hand_made import make_leaf, make_tree
 from .scene_states import affine, make_state
 
-TRIANGLE = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-FIELDS = ("prim_tests", "leaf_visits", "prim_id")
-
 
 @pytest.fixture
 def count(session):
@@ -30,6 +27,7 @@ def count(session):
 
 def test_steps_by_hand(count):
     """Nodes, leaves and primitives, and what is hit, by rays straight down at some (x, y)."""
+    triangle = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     above, hidden = affine(offset=(0, 0, 2)), 0
     for source, layouts, rows in (
         (make_tree(), ("bvh2",), {
@@ -42,9 +40,9 @@ def test_steps_by_hand(count):
         *((make_leaf(prims), LAYOUT_WIDTHS, {(0.25, 0.25): (1, 1, prims, 0), (50.0, 0.25): (1, 0, 0, -1)})
           for prims in (1, 3, 4)),
         # The root of the tree over two instances, and that of each, are a step each; behind a hit no leaf is visited.
-        (make_state([TRIANGLE], (0, affine()), (0, above)), ("bvh2",),
+        (make_state([triangle], (0, affine()), (0, above)), ("bvh2",),
          {(0.25, 0.25): (3, 1, 1, 0), (0.75, 0.75): (3, 2, 2, -1), (3.0, 3.0): (1, 0, 0, -1)}),
-        (make_state([TRIANGLE], (0, affine()), (0, above, hidden)), ("bvh2",), {(0.25, 0.25): (2, 1, 1, 0)}),
+        (make_state([triangle], (0, affine()), (0, above, hidden)), ("bvh2",), {(0.25, 0.25): (2, 1, 1, 0)}),
     ):  # fmt: skip
         for layout in layouts:
             steps = count(source, [[x, y, 10.0] for x, y in rows], [0.0, 0.0, -1.0], layout)
