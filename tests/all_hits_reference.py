@@ -17,21 +17,8 @@ def find_wrong_crossings(
 ) -> NDArray[np.int64]:
     """Return the rays whose crossings cannot be all that there are, or not in this order.
 
-    Parameters
-    ----------
-    reference : Reference
-    rays : Rays
-    hits : AllHits
-        The answers of a traversal for these rays, with their ids.
-    intersections : Intersections, optional
-        Of these rays, if they are known already.
-
-    Returns
-    -------
-    (m,) int64
-        Rays that surely miss a primitive they are said to cross, or surely cross one they are not; that cross one
-        too often; whose crossings are not in the order of t; or where twins are not in the order of their ids, or
-        one of them is missing.
+    Those surely miss a primitive that they are said to cross, or surely cross one that they are not; cross one too
+    often; or their crossings are not in the order of t, or twins not in the order of their ids, or without one of them.
     """
     known = reference.intersections(rays) if intersections is None else intersections
     t, instance, prim = read_ids(hits)

@@ -9,34 +9,13 @@ from clbvh import Mesh, Tracer, build, load_mesh, make_shape
 
 from .rays import AXES, aim, as_float32, centred, edge_midpoints
 
-# Of the knot, see `make_shape`: two turns, three loops, the torus' radii, and how far from the curve is surely inside.
-TURNS, LOOPS, RADIUS, TUBE = 2, 3, 2.0, 0.9
-INSIDE = 0.2
-
-
-def inside_sphere(count, generator):
-    """Points of the ball of radius 0.9; the first ones are its centre."""
-    points = generator.normal(size=(count, 3))
-    points *= 0.9 * np.cbrt(generator.uniform(size=(count, 1))) / np.linalg.norm(points, axis=1, keepdims=True)
-    points[: count // 8] = 0
-    return points
-
-
-def inside_knot(count, generator):
-    """Points near the curve in the middle of the tube."""
-    t = generator.uniform(0, 2 * np.pi, count)
-    reach = RADIUS + TUBE * np.cos(LOOPS * t)
-    curve = np.stack((reach * np.cos(TURNS * t), reach * np.sin(TURNS * t), TUBE * np.sin(LOOPS * t)), axis=1)
-    offset = generator.normal(size=(count, 3))
-    return curve + INSIDE * generator.uniform(size=(count, 1)) * offset / np.linalg.norm(offset, axis=1, keepdims=True)
-
 
 def deep_inside(mesh):
-    """A function like the others for any closed mesh: points with a distance to its surface."""
+    """A function from a count and a generator to points of a closed mesh with a distance to its surface."""
     low, size = mesh.vertices.min(axis=0), np.ptp(mesh.vertices, axis=0)
     with Tracer(build(mesh)) as tracer:
-        points = low + np.random.default_rng(52).uniform(size=(20_000, 3)) * size
-        points = points[tracer.signed_distance(points) > 0.03 * size.max()]
+        points = low + np.random.default_rng(53).uniform(size=(20_000, 3)) * size
+        points = as_float32(points[tracer.signed_distance(points) > 0.03 * size.max()])
     assert len(points) > 500
     return lambda count, generator: points[generator.integers(0, len(points), count)]
 
@@ -54,16 +33,13 @@ def open_closed_mesh(name, *, larger=1):
     """Return a closed mesh around its own zero, and a function from a count and a generator to points inside."""
     if name == "bunny":
         mesh = close_holes(load_mesh(scan_path(BUNNY)))
-        inside = deep_inside(mesh)
-    elif name == "knot":
-        mesh, inside = make_shape("knot", triangles=20_000 * larger, seed=1), inside_knot
     else:
-        mesh, inside = make_shape("icosphere", triangles=5120 * larger), inside_sphere
+        mesh = make_shape(name, triangles={"knot": 20_000, "icosphere": 5120}[name] * larger, seed=1)
     # Every edge belongs to two triangles, once in each sense.
     edges = np.unique(edges_of(mesh.faces), axis=0)
     assert np.array_equal(edges, np.unique(edges[:, ::-1], axis=0))
     assert len(edges) == 3 * mesh.face_count
-    return centred(mesh), lambda count, generator: as_float32(mesh.to_local(inside(count, generator)))
+    return centred(mesh), deep_inside(centred(mesh))
 
 
 def rays_at(targets, inside, count, generator):
@@ -95,12 +71,12 @@ def nearly_along_axes(mesh, inside, count, generator):
 
 
 def anywhere(mesh, inside, count, generator):
-    return as_float32(inside(count, generator)), as_float32(generator.normal(size=(count, 3)))
+    return inside(count, generator), as_float32(generator.normal(size=(count, 3)))
 
 
 def side_by_side(mesh, inside, count, generator):
     """From one point to vertices and edges, ordered by direction: neighbours share an entry point."""
-    origin = as_float32(inside(1, generator))
+    origin = inside(1, generator)
     targets = np.concatenate((mesh.vertices, edge_midpoints(mesh)))
     directions = as_float32(targets[generator.integers(0, len(targets), count)] - origin)
     height = directions[:, 2] / np.linalg.norm(directions, axis=1)

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, strategies as st
 
 from clbvh import Bvh, TreeFileError, build, validate_tree
-from clbvh.bvh import serialize as store
 
 from ..profiles import examples
 from ..soup import make_soup
@@ -78,12 +77,6 @@ def test_a_file_with_any_other_byte_is_no_tree(load, saved, share, flipped):
     content = bytearray(saved)
     content[int(share * len(content))] ^= flipped
     assert not load(bytes(content))
-
-
-@examples(short=20, long=10000)
-@given(content=st.binary(max_size=400), has_magic=st.booleans())
-def test_random_bytes_are_no_tree(load, content, has_magic):
-    assert not load(store.MAGIC * has_magic + content)
 
 
 @examples(short=20, long=10000)

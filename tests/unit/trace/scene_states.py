@@ -53,15 +53,3 @@ def random_linear(generator, stretch=3.0):
     scale = np.diag(stretch ** generator.uniform(-1, 1, 3) * generator.choice([-1.0, 1.0], 3))
     shear = np.eye(3) + np.triu(generator.uniform(-1, 1, (3, 3)), 1)
     return turns[0] @ turns[1] @ scale @ shear @ turns[2]
-
-
-def flatten(state):
-    """The meshes of a scene as one: vertices, faces, and the (instance, primitive) of each face."""
-    vertices, faces, ids, first = [], [], [], 0
-    for instance, geometry in enumerate(state.geometry_ids):
-        mesh, transform = state.shapes[geometry], state.transforms[instance]
-        vertices.append(mesh.vertices @ transform[:3, :3].T + transform[:3, 3])
-        faces.append(mesh.faces + first)
-        ids.append(np.column_stack((np.full(mesh.face_count, instance), np.arange(mesh.face_count))))
-        first += len(mesh.vertices)
-    return np.concatenate(vertices), np.concatenate(faces), np.concatenate(ids)
