@@ -92,9 +92,9 @@ def _tabulate_settings() -> str:
     """Return one table of settings for each panel of the command line's help, from the fields of `View`."""
     tables: dict[str, list[str]] = {}
     for each in list_settings(View):
-        option = f"`--{each.name.replace('_', '-')}`" if each.is_option else ""
-        cells = (f"`{each.name}`", option, each.kind.text, each.shown or f"`{each.default}`", each.help)
+        name = f"`{each.name}`" if each.is_option else f"`{each.name}`, no option"
+        cells = (name, each.kind.text, each.shown or f"`{each.default}`", each.help)
         row = " | ".join(cell.replace("|", r"\|") for cell in cells)
         tables.setdefault(each.panel, []).append(f"| {row} |")
-    head = "| setting | option | must be | default | |\n|---|---|---|---|---|\n"
+    head = "| setting | must be | default | |\n|---|---|---|---|\n"
     return "\n\n".join(f"## {panel}\n\n{head}" + "\n".join(rows) for panel, rows in tables.items())
