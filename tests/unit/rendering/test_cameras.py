@@ -31,7 +31,6 @@ def test_axes_are_orthonormal_and_right_handed_whatever_the_length_of_up():
 def test_rays_fill_the_field_of_view_from_the_upper_left_to_the_lower_right():
     origins, directions = Camera((0, 0, 5), (0, 0, 0), fov=90).rays(3, 3)
     assert (origins == [0, 0, 5]).all()
-    assert origins.strides[:2] == (0, 0)
     assert_allclose(np.linalg.norm(directions, axis=-1), 1)
     slopes = directions[..., :2] / -directions[..., 2:]
     assert_allclose(slopes[0, :, 0], [-2 / 3, 0, 2 / 3], atol=1e-15)
@@ -91,8 +90,7 @@ def test_a_file_has_the_camera_of_its_matrices(tmp_path):
     path = tmp_path / "a.json"
     path.write_text(json.dumps(facts))
     assert read_camera(path) == Camera.from_intrinsics(K, pose, (640, 480))
-    # Other keys are left alone.
-    path.write_text(json.dumps(facts | {"convention": "opengl", "pixel_centres": "integer", "channels": {}}))
+    path.write_text(json.dumps(facts | {"convention": "opengl", "pixel_centres": "integer", "more": {}}))
     assert read_camera(str(path)) == Camera.from_intrinsics(K, pose, (640, 480), "opengl", pixel_centres="integer")
     missing, other = json.dumps({"size": [60, 40]}), json.dumps(facts | {"convention": "left"})
     rows = [

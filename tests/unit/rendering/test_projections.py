@@ -7,7 +7,6 @@ import pytest
 
 import clbvh
 from clbvh import Camera, Fisheye, Lens, Orthographic, Panorama, SceneError
-from clbvh.rendering.cameras.projection import read_projection, text_of
 
 FRAME = {"eye": (2.5, 1.5, 3.0), "look_at": (0.1, 0, 0.2), "up": (0.1, 1.0, 0.2)}
 DOWN_Z = {"eye": (0, 0, 0), "look_at": (0, 0, -1)}
@@ -96,11 +95,6 @@ def test_points_pixels_and_values_that_do_not_go_together_are_refused():
     for call, words in rows:
         with pytest.raises(SceneError, match=words):
             call()
-
-
-def test_a_text_gives_the_same_projection():
-    for projection in (None, Orthographic(), Orthographic(0.1 + 0.2), Fisheye(1 / 3), Panorama()):
-        assert read_projection(text_of(projection)) == read_projection(projection) == projection
 
 
 @pytest.mark.parametrize("name", CAMERAS)

