@@ -1,0 +1,118 @@
+"""Builds that crashed, took long, left a pool unusable, or gave other bytes by the number of workers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import types
+
+import numpy as np
+import pytest
+
+from clbvh import Mesh, SubtreePool, Tracer, build, validate_tree
+from clbvh.builders.processes import pool as pool_module
+from clbvh.builders.processes.pool import open_executor
+from clbvh.builders.sah.build_sah import _build_subtrees
+from clbvh.builders.sah.subtree import Rule, build_subtree
+from clbvh.builders.sah.top import Range
+from clbvh.errors import PoolError
+
+from ..soup import make_soup
+
+
+@pytest.mark.parametrize("failing", [0, 1])
+def test_after_a_failed_build_workers_took_the_next_ones_arrays_for_those_they_held(monkeypatch, failing):
+    create, sizes = pool_module.SharedArray, []
+
+    def refuse_one_array(shape, dtype):
+        sizes.append(shape)
+        if len(sizes) == 1 + failing:
+            raise PoolError("no memory left")
+        return create(shape, dtype)
+
+    with SubtreePool(workers=2) as pool:
+        build(make_soup(500, seed=0), pool=pool, task_threshold=7)
+        with monkeypatch.context() as patch:
+            patch.setattr(pool_module, "SharedArray", refuse_one_array)
+            with pytest.raises(PoolError, match="no memory left"):
+                build(make_soup(1000, seed=1), pool=pool, task_threshold=7)
+        validate_tree(build(make_soup(1000, seed=2), pool=pool, task_threshold=7))
+
+
+def test_a_worker_that_died_between_builds_was_a_broken_pipe():
+    with SubtreePool(workers=2) as pool:
+        pool.wait_ready()
+        process = pool._workers[1].process
+        os.kill(process.pid, signal.SIGKILL)
+        process.join()
+        with pytest.raises(PoolError, match=r"worker 1 died \(exit code -9\)"):
+            pool.wait_ready()
+
+
+def return_a_function(arrays):
+    return lambda: None
+
+
+def test_a_step_that_a_worker_cannot_import_and_a_result_that_cannot_be_sent_killed_it(monkeypatch):
+    module = types.ModuleType("module_of_the_coordinator")
+    exec("def step(arrays): return 1", module.__dict__)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    for step, message in (
+        (module.step, "No module named 'module_of_the_coordinator'"),
+        (return_a_function, r"(?s)worker 0 failed.*pickle"),
+    ):
+        with SubtreePool(workers=1) as pool, pytest.raises(PoolError, match=message), open_executor(pool) as executor:
+            executor.map(step, [()])
+
+
+def test_an_integer_as_traversal_cost_compiled_the_builder_once_more(mesh):
+    build(mesh)
+    compiled = len(build_subtree.signatures)
+    build(mesh, traversal_cost=2, bins=np.int32(8), leaf_size=np.uint8(2))
+    build(mesh, traversal_cost=np.float32(2))
+    assert len(build_subtree.signatures) == compiled
+
+
+class CountedRange(Range):
+    looks = 0
+
+    def __len__(self):
+        CountedRange.looks += 1
+        return super().__len__()
+
+
+def split_evenly(begin, end, depth=0):
+    node = CountedRange(begin, end, depth, 0, np.zeros((2, 8), np.float32))
+    if end - begin > 1:
+        middle = (begin + end) // 2
+        node.children = (split_evenly(begin, middle, depth + 1), split_evenly(middle, end, depth + 1))
+    return node
+
+
+def test_bundling_many_small_ranges_took_quadratic_time():
+    executor = types.SimpleNamespace(workers=1, map=lambda step, tasks: [1] * len(tasks))
+    root = split_evenly(0, 4096)
+    CountedRange.looks = 0
+    _build_subtrees(executor, root, Rule(16, 4, 1.0))
+    assert CountedRange.looks < 20 * 4096
+    assert all(node.node_count == 1 for node in root.leaves())
+
+
+@pytest.mark.parametrize("scale", [8e37, 3e38, 1e150])
+def test_a_mesh_as_wide_as_float32_made_bins_nan_and_the_process_crash(scale):
+    vertices = np.random.default_rng(0).uniform(-1, 1, (3000, 3)) * scale
+    bvh = build(Mesh.from_arrays(vertices, np.arange(3000).reshape(-1, 3)))
+    validate_tree(bvh)
+    with Tracer(bvh) as tracer:
+        assert tracer.any_hit(vertices[:100] * 2, -vertices[:100]).mean() > 0.5
+
+
+def test_signed_zeros_gave_other_bytes_with_a_pool():
+    vertices = np.random.default_rng(0).choice(np.array([-1.0, -0.0, 0.0, 1.0], np.float32), size=(3000, 3))
+    mesh = Mesh.from_arrays(vertices, np.arange(3000).reshape(-1, 3))
+    serial = build(mesh)
+    with SubtreePool(workers=2) as pool:
+        assert build(mesh, pool=pool, task_threshold=7).nodes.tobytes() == serial.nodes.tobytes()
+    for field in ("aabb_min", "aabb_max"):
+        assert not np.signbit(serial.nodes[field][serial.nodes[field] == 0]).any()

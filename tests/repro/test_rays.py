@@ -1,0 +1,158 @@
+"""Rays that missed what they hit, or hit what they miss, by the rounding of a box or of a triangle."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from clbvh import Mesh, Tracer, build
+from clbvh.structs import LAYOUT_WIDTHS
+
+from ..kernel.casting import open_caster
+from ..mesh_reference import find_differences
+from ..profiles import seeds
+from ..rays import AXES, aim, as_float32, centred
+
+# Corners, an origin relative to the middle of the box, a direction, and the triangle hit.
+CASES = {
+    # The box ends before the ray begins, at a negative t, that of the triangle rounds to zero or more.
+    "begins-in-a-plane": (
+        ([[-3, 2.5, 0], [-1, 0.5, 0], [2, -1.5, 0]], [[-2, -0.5, 0], [-3, -1.5, 0], [-1, 2.5, 0]]),
+        [-1.873005747795105, 1.4832037687301636, 2.999629804544972e-16],
+        [-0.3157864511013031, 0.5389906764030457, 0.00017183214367832989],
+        0,
+    ),
+    "begins-at-needles": (
+        (
+            [[0.0006, 2, 0], [0.0005, -8, 0], [-0.0003, -4, 0.0001]],
+            [[0.0001, 1, 0.0001], [-0.0007, 3, 0.0008], [0.0006, 7, -0.0003]],
+            [[-0.0008, -2, 0.0001], [0.0003, 8, 0.0004], [-0.0002, -7, -0.0007]],
+            [[0.0002, -1, -0.0008], [0.0008, 1, 0.0005], [0.0005, 6, 0.0001]],
+        ),
+        [0.0005924901342950761, 1.2490108013153076, -6.949555677020908e-14],
+        [-0.00039624585770070553, 0.8754945993423462, -0.0002500020491424948],
+        0,
+    ),
+    # Triangles that overlap in one plane: boxes were culled with a slack relative to t, not to the corners.
+    "grazing-from-above": (
+        (
+            [[-2, 0.5, 0], [3, 0.5, 0], [-2, -2.5, 0]],
+            [[-3, -2.5, 0], [0, 2.5, 0], [-1, -2.5, 0]],
+            [[-2, -0.5, 0], [-3, -1.5, 0], [-1, 2.5, 0]],
+        ),
+        [-1.8737452030181885, -2.2530648708343506, -0.00021493468375410885],
+        [-0.5690650343894958, -0.3129706382751465, 0.22009311616420746],
+        1,
+    ),
+    "grazing-nearly-in-the-plane": (
+        (
+            [[1, 0, -3], [3, 0, 1], [-2, 0, 1]],
+            [[2, 0, -2], [-3, 0, -1], [2, 0, 2]],
+            [[0, 0, 1], [2, 0, -1], [-2, 0, -1]],
+        ),
+        [-0.417790025472641, 4.734772469927595e-12, -0.1629110872745514],
+        [-0.5504674911499023, -1.8144250546470175e-08, 0.010253475047647953],
+        1,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_box_was_left_out_whose_triangle_is_hit(session, name):
+    corners, origin, direction, prim_id = CASES[name]
+    mesh = Mesh.from_arrays(np.reshape(corners, (-1, 3)), np.arange(3 * len(corners)).reshape(-1, 3))
+    ray = mesh.origin + np.array([origin]), np.array([direction])
+    with open_caster(session, mesh, None) as cast:
+        expected = cast("closest_hit", *ray)
+    assert expected["prim_id"].tolist() == [prim_id]
+    assert expected["t"][0] >= 0
+    for layout in LAYOUT_WIDTHS:
+        with open_caster(session, mesh, build(mesh, leaf_size=1), layout) as cast:
+            assert cast("closest_hit", *ray).tolist() == expected.tolist(), layout
+
+
+@pytest.mark.parametrize("direction", AXES, ids=["+x", "-x", "+y", "-y", "+z", "-z"])
+def test_a_ray_in_the_face_of_a_box_left_it_before_it_entered(session, direction):
+    """The slab test once took 0 * FLT_MAX for a crossing at t = 0."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    cube = Mesh.from_arrays(corners, [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))])
+    # A corner, two sides, and the centre. A ray at one of the other corners and sides is taken for one beside.
+    steps = [[0, 0], [0.5, 0], [0, 0.5], [0.5, 0.5]]
+    origins = np.insert(steps, int(np.argmax(np.abs(direction))), 0.5, axis=1) - 3.5 * direction
+    with Tracer(build(cube, leaf_size=1), device=session.info) as tracer:
+        assert tracer.closest_hit(origins, np.broadcast_to(direction, origins.shape)).t.tolist() == [3] * 4
+
+
+def exact_t(corners, origin, direction):
+    """Return where a ray crosses the plane of three corners, by rational arithmetic."""
+    a, b, c, start, way = (np.array([Fraction(float(x)) for x in vector]) for vector in (*corners, origin, direction))
+    normal = np.cross(b - a, c - a)
+    return float(np.dot(normal, a - start) / np.dot(normal, way))
+
+
+@pytest.mark.parametrize("layout", ["bvh2", "bvh8"])
+def test_a_ray_that_crosses_a_sliver_at_a_small_angle_was_moved_to_its_far_edge(session, layout):
+    """The limit below which a triangle counts as seen edge-on was that of one as wide as it is long."""
+    corners = np.array([[0, 0, 0], [1, 2.0**-20, 0], [1, 0, 2.0**-20]])
+    with Tracer(Mesh.from_arrays(corners, [[0, 1, 2]]), device=session.info, layout=layout) as tracer:
+        for tilt in (2.0**-19, 2.0**-21, -(2.0**-20)):
+            direction = np.array([1.0, 0, tilt])
+            origin = np.float32(corners.mean(axis=0) - direction / 4).astype(np.float64)
+            hit = tracer.closest_hit(origin, direction)
+            assert hit.is_hit
+            assert hit.t == pytest.approx(exact_t(corners, origin, direction), rel=1e-6)
+            np.testing.assert_allclose(hit.locations, origin + hit.t * direction, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("layout", ["bvh2", "bvh8"])
+def test_a_ray_that_begins_just_behind_the_plane_meets_the_edge_there(session, layout):
+    """The rounded ray meets the sliver; the exact one would have before it begins, 3e-5 away."""
+    corners = [
+        [0.6679758429527283, -0.27254775166511536, 0.37642741203308105],
+        [-0.08242901414632797, -0.8467452526092529, -0.6928091645240784],
+        [0.8109192848205566, -0.1631697416305542, 0.580104649066925],
+    ]
+    origin = np.array([0.597565770149231, -0.32642439007759094, 0.2761015295982361])
+    direction = np.array([0.4433019459247589, 0.3391883075237274, 0.6316400766372681])
+    # Keeps local coordinates equal to these.
+    frame = [[-1, -1, -1], [1, 1, 1], [1, 1, 0.75]]
+    mesh = Mesh.from_arrays([*corners, *frame], [[0, 1, 2], [3, 4, 5]])
+    with Tracer(mesh, device=session.info, layout=layout) as tracer:
+        hits = tracer.all_hits(origin, direction)
+    # The device sees corners 2e-7 from where they are, and the ray meets the plane at an angle of 1e-5.
+    (t,) = hits.t[hits.prim_id == 0]
+    assert 0 <= t < 0.02
+
+
+@pytest.mark.parametrize("from_plane", [True, False], ids=["in-plane", "to-plane"])
+@pytest.mark.parametrize("seed", seeds(1))
+def test_a_ray_in_the_plane_of_a_thin_triangle_hit_it_from_any_distance(session, seed, from_plane):
+    """The areas that decide are differences of nearly equal products; in float32 one of them came out as zero."""
+    generator, count = np.random.default_rng([13, seed]), 300
+    a, step = generator.uniform(-1, 1, (2, count, 3))
+    width = 10 ** generator.uniform(-8, -1, (count, 1))
+    c = a + generator.uniform(-1, 2, (count, 1)) * step + width * generator.normal(size=(count, 3))
+    corners = np.stack((a, a + step, c), axis=1).reshape(-1, 3)
+    mesh = centred(Mesh.from_arrays(corners, np.arange(3 * count).reshape(-1, 3)))
+    a, b, c = mesh.vertices[mesh.faces[generator.integers(0, count, 20_000)]].transpose(1, 0, 2)
+
+    def points_of_planes():
+        """A point in the plane of each triangle, on it or up to three of its sizes away."""
+        i, j = generator.uniform(-2, 3, (2, len(a), 1))
+        return as_float32(a + i * (b - a) + j * (c - a))
+
+    starts = points_of_planes() if from_plane else generator.uniform(-2, 2, a.shape)
+    origins, directions = aim(starts, points_of_planes())
+    with Tracer(mesh, device=session.info) as tracer:
+        hits = tracer.closest_hit(origins, directions)
+    assert hits.count > 500
+    found = np.flatnonzero(hits.is_hit)
+    a, b, c = mesh.vertices[mesh.faces[hits.prim_id[found]]].transpose(1, 0, 2)
+    to_point = a + hits.u[found, None] * (b - a) + hits.v[found, None] * (c - a) - origins[found]
+    along = directions[found] / np.linalg.norm(directions[found], axis=1)[:, None]
+    # Coordinates of a few units, which float32 rounds by about 3e-7.
+    assert np.linalg.norm(np.cross(to_point, along), axis=1).max() < 2e-6
+    assert [str(difference) for difference in find_differences(mesh, origins, directions, hits)] == []
