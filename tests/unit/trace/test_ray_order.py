@@ -20,15 +20,12 @@ COUNT = 3 * pieces.LEAST_RAYS
 WIDTH, HEIGHT = 150, 97  # no multiples of a tile's
 
 
-def box_of(*half, scale=1.0, centre=0.0):
-    return TreeBox(np.full(3, centre), scale, np.array(half, np.float64))
+def cube(scale=1.0, centre=0.0):
+    return TreeBox(np.full(3, centre), scale, np.ones(3))
 
 
-CUBE = box_of(1, 1, 1)
-
-
-def order_of(origins, directions, t_max=np.inf, *, box=CUBE, threads=None, count_steps=None):
-    batch, _ = read_rays(origins, directions, 0.0, t_max)
+def order_of(origins, directions, t_max=np.inf, *, box=None, threads=None, count_steps=None):
+    (batch, _), box = read_rays(origins, directions, 0.0, t_max), box or cube()
     with HostThreads(threads) as opened:
         (piece,) = pieces.cut_rays(batch, box, opened, tile_rows=8, finds_pictures=False, count_steps=count_steps)
     return piece.order
@@ -63,9 +60,9 @@ def test_scattered_rays_are_sorted():
         assert order_of(origins, directions, threads=threads).tobytes() == order.tobytes()
     begin, end = 1000, 1000 + 2 * pieces.LEAST_RAYS
     with HostThreads() as threads:
-        of_part = sort_rays(read_rays(origins, directions, 0.0, np.inf)[0], begin, end, CUBE, threads)
+        of_part = sort_rays(read_rays(origins, directions, 0.0, np.inf)[0], begin, end, cube(), threads)
     assert of_part.tobytes() == order_of(origins[begin:end], directions[begin:end]).tobytes()
-    moved = order_of(origins + 2.0**20, directions, box=box_of(1, 1, 1, centre=2.0**20))
+    moved = order_of(origins + 2.0**20, directions, box=cube(centre=2.0**20))
     assert np.count_nonzero(moved != order) < COUNT / 100
     # Those that meet nothing come last.
     order = order_of(origins, directions, np.where(np.arange(COUNT) % 2, -1.0, np.inf))
@@ -81,6 +78,9 @@ def test_rays_of_a_pencil_are_sorted_finely(kind):
     with np.errstate(divide="ignore"):
         t = ((np.sign(directions) - origins) / directions).min(axis=1)
     assert mean_step(origins + t[:, None] * directions, order) < 0.02
+    for scale in (2.0**-100, 2.0**100):
+        scaled = order_of(origins * scale, directions * scale, box=cube(scale=1 / scale))
+        assert scaled.tobytes() == order.tobytes()
 
 
 def test_rays_stay_as_they_are_where_sorting_does_not_pay():
