@@ -93,8 +93,8 @@ def _tabulate_settings() -> str:
     tables: dict[str, list[str]] = {}
     for each in list_settings(View):
         name = f"`{each.name}`" if each.is_option else f"`{each.name}`, no option"
-        cells = (name, each.kind.text, each.shown or f"`{each.default}`", each.help)
+        cells = (name, each.help, f"{each.kind.text}; default: {each.shown or f'`{each.default}`'}")
         row = " | ".join(cell.replace("|", r"\|") for cell in cells)
         tables.setdefault(each.panel, []).append(f"| {row} |")
-    head = "| setting | must be | default | |\n|---|---|---|---|\n"
+    head = "| setting | | must be |\n|---|---|---|\n"
     return "\n\n".join(f"## {panel}\n\n{head}" + "\n".join(rows) for panel, rows in tables.items())
