@@ -1,115 +1,253 @@
-"""`clbvh devices`: the table, the JSON object, and machines that lack something, each in a process of its own."""
+"""`clbvh devices`, `doctor` and `tune`: on this machine, and on machines that lack something.
+
+The doctor touches drivers in processes of its own, so its command runs in this one.
+"""
+
+from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from clbvh.cli.devices import devices
+from clbvh.conformance import check
+from clbvh.conformance.expected import load_expected
+from clbvh.device import doctor, select
+from clbvh.device.driver_files import find_bundled_folder
 from clbvh.errors import DeviceError
+from clbvh.rendering import tune as tune_module
+from clbvh.structs import LAYOUT_WIDTHS
 
 from .command import hidden_drivers, refuses, run_clbvh, run_process, shadowed_modules
 
+NO_LOADER = "raise ImportError('libOpenCL.so.1: cannot open shared object file')\n"
+
+
+class TestDevices:
+    def test_the_table_and_the_json_object_describe_every_device(self, session):
+        import pyopencl as cl
+
+        listed = json.loads(run_clbvh("devices", "--json").stdout)["devices"]
+        drivers_say = sorted(
+            (" ".join(device.name.split()), device.global_mem_size, device.max_compute_units)
+            for platform in cl.get_platforms()
+            for device in platform.get_devices()
+        )
+        assert sorted((each["name"], each["memory_bytes"], each["compute_units"]) for each in listed) == drivers_say
+        assert [each["number"] for each in listed] == list(range(len(listed)))
+        assert [each["number"] for each in listed if each["is_default"]] == [0]
+        heading, *lines, footer = run_clbvh("devices").stdout.splitlines()
+        assert footer.startswith("* used by default")
+        assert heading.split() == ["device", "platform", "version", "driver", "memory", "units", "fp64", "layout"]
+        for device, line in zip(listed, lines, strict=True):
+            assert line.strip().startswith(f"{'* ' if device['is_default'] else ''}{device['number']} ")
+            for fact in ("name", "kind", "platform", "driver_version", "layout"):
+                assert device[fact] in line
+
+    @pytest.fixture
+    def only(self, session, monkeypatch):
+        """A function that makes the first device, perhaps changed, the only one."""
+
+        def show(**changes):
+            device = replace(select.list_devices()[0], **changes)
+            monkeypatch.setattr(select, "survey_devices", lambda: select.DeviceSurvey((device,), ()))
+            monkeypatch.delenv("CLBVH_DEVICE", raising=False)
+            return device
+
+        return show
+
+    def test_names_with_brackets_are_printed_as_they_are(self, only, capsys):
+        only(name="Graphics [bold]", is_available=False)
+        with pytest.raises(DeviceError, match="no OpenCL device can be used"):
+            devices(as_json=False)
+        assert "* 0  Graphics [bold] (not available) " in capsys.readouterr().out
+
+    @pytest.mark.parametrize("columns", [40, 80])
+    def test_a_narrow_terminal_has_a_list_with_whole_words(self, only, columns, monkeypatch, capsys):
+        device = only()
+        for name, value in {"FORCE_COLOR": "1", "TERM": "xterm", "COLUMNS": str(columns)}.items():
+            monkeypatch.setenv(name, value)
+        devices(as_json=False)
+        output = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out)
+        assert max(map(len, output.splitlines())) <= columns
+        words = output.replace(",", " ").split()
+        for word in f"{device.name} {device.platform} {device.kind} fp64 units".replace(",", " ").split():
+            assert word in words
+
+    def test_a_wrong_choice_in_the_environment_is_named_but_does_not_hide_the_list(self):
+        answer = run_clbvh("devices", "--json", CLBVH_DEVICE="riva tnt")
+        assert [each["is_default"] for each in json.loads(answer.stdout)["devices"]].count(True) == 0
+        assert "'riva tnt' (asked for by CLBVH_DEVICE)" in answer.stderr
+
+    def test_no_driver_no_loader_and_a_platform_without_devices_are_told_apart(self, tmp_path):
+        environment = hidden_drivers(tmp_path)
+        refuses(run_process("devices", **environment), 3, "no OpenCL device was found", "clbvh doctor")
+        answer = run_process("devices", "--json", **environment)
+        assert (answer.returncode, json.loads(answer.stdout)) == (3, {"devices": [], "problems": []})
+        # A folder that PoCL cannot make: below a file.
+        answer = run_process("devices", "--json", POCL_CACHE_DIR=f"{environment['OCL_ICD_VENDORS']}/cache")
+        problem = "the platform 'Portable Computing Language' offers no device"
+        assert problem in json.loads(answer.stdout)["problems"]
+        assert problem in answer.stderr
+        (tmp_path / "pyopencl.py").write_text(NO_LOADER)
+        refuses(run_process("devices", **shadowed_modules(tmp_path)), 3, "libOpenCL.so.1", "clbvh doctor")
+
+
+def diagnose(*arguments, run=run_clbvh, **environment):
+    """Return the exit code, the report and the problems."""
+    answer = run("doctor", "--json", *arguments, **environment)
+    report = json.loads(answer.stdout)
+    return answer.returncode, report, [each for each in report["findings"] if each["severity"] == "problem"]
+
+
+class TestDoctor:
+    def test_a_working_machine_is_exit_code_0(self, session):
+        answer = run_clbvh("doctor")
+        assert answer.returncode == 0, answer.stdout
+        assert "computes correctly" in answer.stdout
+        assert "devices work" in answer.stdout.splitlines()[-1]
+        code, report, _ = diagnose()
+        assert (code, report["works"]) == (0, True)
+        assert any(device["works"] and device["error"] == "" for device in report["devices"])
+        assert "pyopencl" in report["findings"][0]["message"]
+
+    def test_a_driver_file_that_names_a_missing_library_is_named_and_hides_pocl(self, tmp_path):
+        environment = hidden_drivers(tmp_path)
+        code, report, problems = diagnose(**environment)
+        assert (code, report["works"]) == (3, False)
+        message = f"{environment['OCL_ICD_VENDORS']} names 'libgone.so.7', which cannot be loaded"
+        assert message in problems[0]["message"]
+        # The loader takes a variable that names no folder for the only driver, PoCL or not.
+        answer = run_clbvh("doctor", **environment)
+        assert "        $ unset OCL_ICD_VENDORS" in answer.stdout.splitlines()
+        assert answer.stdout.splitlines()[-1] == "0 of 0 devices work"
+        assert answer.stderr.startswith("clbvh: no OpenCL device works")
+
+    def test_broken_drivers_beside_a_good_one_are_problems_but_no_failure(self, tmp_path):
+        (tmp_path / "garbage.so").write_text("no library at all")
+        for name, text in {"a": "", "b": f"{tmp_path}/garbage.so\n", "c": "libgone.so.7\n"}.items():
+            (tmp_path / f"{name}.icd").write_text(text)
+        # The loader inside pyopencl still finds the PoCL beside it; so does the doctor.
+        code, _, problems = diagnose(OCL_ICD_VENDORS=str(tmp_path))
+        assert code == 0
+        found = [problem for problem in problems if problem["check"] == "driver file"]
+        expected = ["a.icd cannot be read or is empty", "garbage.so', which cannot be loaded", "names 'libgone.so.7'"]
+        for problem, words in zip(found, expected, strict=True):
+            assert words in problem["message"]
+            assert problem["advice"]
+
+    def test_what_else_may_be_missing(self, tmp_path):
+        (tmp_path / "file").touch()
+        _, _, problems = diagnose(POCL_CACHE_DIR=str(tmp_path / "file/cache"))
+        (problem,) = (problem for problem in problems if "offers no device" in problem["message"])
+        assert any("POCL_CACHE_DIR" in line for line in problem["advice"])
+        # The doctor itself looks for the folder of pyopencl.
+        (tmp_path / "pyopencl.py").write_text(NO_LOADER)
+        code, _, problems = diagnose(run=run_process, **shadowed_modules(tmp_path))
+        assert (code, problems[0]["check"]) == (3, "pyopencl")
+        assert "$ pip install --force-reinstall --only-binary :all: pyopencl" in problems[0]["advice"]
+        # PoCL's own brake: it sleeps that many seconds when it starts.
+        code, _, problems = diagnose("--timeout", "1.5", POCL_STARTUP_DELAY="100")
+        assert code == 3
+        assert any("did not answer within 1.5 s" in problem["message"] for problem in problems)
+
+    def test_stored_answers_are_equal_or_named(self, session, monkeypatch):
+        answer = run_clbvh("doctor", "--conformance", "--mesh", "single")
+        assert answer.returncode == 0, answer.stderr
+        count, total = re.search(r"(\d+) of (\d+) parts of the stored answers are equal", answer.stdout).groups()
+        assert int(count) == int(total) > 0
+        digests, expected = load_expected()
+        single = expected["single"]
+        single["any_hit"], single["count_hits"] = (
+            {"is_hit": single["count_hits"]["count"]},
+            {"count": single["any_hit"]["is_hit"]},
+        )
+        monkeypatch.setattr(check, "load_expected", lambda: (digests, expected))
+        answer = run_clbvh("doctor", "--conformance", "--mesh", "single", "--json")
+        report = json.loads(answer.stdout)
+        assert (answer.returncode, report["is_equal"]) == (1, False)
+        assert {each["query"] for each in report["differences"]} == {"any_hit", "count_hits"}
+        assert "6 answers are not the stored ones; first bvh2, any_hit, mesh 'single': is_hit differs" in answer.stderr
+
+    def test_fix_says_what_it_would_write_writes_it_and_has_nothing_to_do_then(self, tmp_path, monkeypatch):
+        """PoCL is found that no driver file names."""
+        pocl = next(iter(find_bundled_folder().glob("libpocl*")), None)
+        if pocl is None:
+            pytest.skip("this pyopencl has no PoCL beside it that could be found again")
+        path, home = tmp_path / "own/pocl.icd", tmp_path / "home"
+        home.mkdir()
+        monkeypatch.setattr(
+            doctor,
+            "find_unregistered",
+            lambda files: [] if path in [file.path for file in files] else [(pocl, path.name)],
+        )
+        environment = {"CLBVH_DRIVERS": str(path.parent), "HOME": str(home)}
+        answer = run_clbvh("doctor", "--fix", "--dry-run", **environment)
+        assert answer.returncode == 0, answer.stderr
+        assert answer.stdout.startswith(f"would write {path} ({pocl}: ")
+        assert not path.parent.exists()
+        _, report, _ = diagnose("--fix", "--dry-run", **environment)
+        assert (report["dry_run"], [step["action"] for step in report["steps"]]) == (True, ["write"])
+
+        answer = run_clbvh("doctor", "--fix", **environment)
+        assert answer.stdout.startswith(f"wrote {path} ({pocl}: ")
+        assert f"to undo it: rm {path}" in answer.stdout
+        # The diagnosis that follows has it already.
+        assert f"{path} names {pocl}" in answer.stdout
+        assert path.read_text() == f"{pocl}\n"
+        # Drivers keep compiled kernels in the user's cache, whoever runs them.
+        assert [made for made in tmp_path.rglob("*") if made.is_file() and ".cache" not in made.parts] == [path]
+        assert run_clbvh("doctor", "--fix", **environment).stdout.startswith("nothing to fix")
+        refuses(run_clbvh("doctor", "--fix", OCL_ICD_VENDORS=str(tmp_path)), 2, "OCL_ICD_VENDORS is set", "unset it")
+
 
 @pytest.fixture(scope="module")
-def listed():
-    """The answer of `clbvh devices --json` on this machine."""
-    answer = run_clbvh("devices", "--json")
-    assert answer.returncode == 0
-    return json.loads(answer.stdout)["devices"]
+def measured(_opened_device):
+    """The settings and the trials of a small mesh and a small picture."""
+    return tune_module.tune(_opened_device.info, triangles=500, size=(32, 18))
 
 
-def test_the_json_object_describes_every_device(listed):
-    import pyopencl as cl
+class TestTune:
+    def test_every_layout_work_group_and_tile_is_measured(self, measured, session):
+        info, settings, trials = measured
+        assert (info, settings.is_measured) == (session.info, True)
+        assert [trial.choice for trial in trials if trial.what == "layout"] == list(LAYOUT_WIDTHS)
+        for what in ("layout", "work-group size", "tile"):
+            of_kind = [trial for trial in trials if trial.what == what]
+            assert len(of_kind) >= 3
+            (best,) = (trial for trial in of_kind if trial.is_best)
+            assert 0 < best.ms <= 1.03 * min(trial.ms for trial in of_kind)
 
-    drivers_say = sorted(
-        (" ".join(device.name.split()), device.global_mem_size, device.max_compute_units)
-        for platform in cl.get_platforms()
-        for device in platform.get_devices()
-    )
-    assert sorted((d["name"], d["memory_bytes"], d["compute_units"]) for d in listed) == drivers_say
-    assert [device["number"] for device in listed] == list(range(len(listed)))
-    assert [device["number"] for device in listed if device["is_default"]] == [0]
-    assert {device["layout"] for device in listed if device["kind"] == "cpu"} <= {"bvh8"}
+    def test_the_next_command_uses_the_kept_settings(self, measured, session, tmp_path, monkeypatch):
+        monkeypatch.setattr(tune_module, "tune", lambda device: measured)
+        words, cache = ("tune", "--device", session.info.number), {"CLBVH_CACHE": str(tmp_path)}
+        text = run_clbvh(*words, **cache).stdout
+        for word in (*LAYOUT_WIDTHS, "taken", "work-group size", "tile", "8 x 8", str(tmp_path)):
+            assert word in text
+        facts = json.loads(run_clbvh(*words, "--json", **cache).stdout)
+        assert facts["settings"]["layout"] == measured[1].layout
+        assert [trial["choice"] for trial in facts["trials"]] == [trial.choice for trial in measured[2]]
+        # Made up, so that it differs from the default of this kind of device.
+        path = Path(facts["kept_in"])
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"layout": "bvh4"}))
+        listed = json.loads(run_clbvh("devices", "--json", **cache).stdout)["devices"]
+        assert listed[session.info.number]["layout"] == "bvh4"
 
+    def test_a_gain_within_the_noise_changes_nothing(self):
+        for other, taken in ((99.0, (8, 8)), (90.0, (4, 4))):
+            trials = []
+            assert tune_module._choose(trials, "tile", {(8, 8): 100.0, (4, 4): other}, (8, 8)) == taken
+            best = [(trial.choice, trial.is_best) for trial in trials]
+            assert best == [("8 x 8", taken == (8, 8)), ("4 x 4", taken == (4, 4))]
 
-def test_the_table_has_a_line_for_every_device_and_marks_the_default(listed):
-    answer = run_clbvh("devices")
-    assert answer.returncode == 0
-    heading, *lines, footer = answer.stdout.splitlines()
-    assert footer.startswith("* used by default")
-    assert heading.split() == ["device", "platform", "version", "driver", "memory", "units", "fp64", "layout"]
-    for device, line in zip(listed, lines, strict=True):
-        mark = "* " if device["is_default"] else ""
-        assert line.strip().startswith(f"{mark}{device['number']} ")
-        for fact in ("name", "kind", "platform", "driver_version", "layout"):
-            assert device[fact] in line
-
-
-def test_names_with_brackets_are_printed_as_they_are(monkeypatch, capsys):
-    from dataclasses import replace
-
-    from clbvh.cli.devices import devices
-    from clbvh.device import select
-
-    named = replace(select.list_devices()[0], name="Graphics [bold]", is_available=False)
-    monkeypatch.setattr(select, "survey_devices", lambda: select.DeviceSurvey((named,), ()))
-    monkeypatch.delenv("CLBVH_DEVICE", raising=False)
-    with pytest.raises(DeviceError, match="no OpenCL device can be used"):
-        devices(as_json=False)
-    assert "* 0  Graphics [bold] (not available) " in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("columns", [40, 80])
-def test_a_narrow_terminal_has_a_list_with_whole_words(columns, monkeypatch, capsys):
-    from clbvh.cli.devices import devices
-    from clbvh.device import select
-
-    found = select.list_devices()[:1]
-    monkeypatch.setattr(select, "survey_devices", lambda: select.DeviceSurvey(tuple(found), ()))
-    monkeypatch.delenv("CLBVH_DEVICE", raising=False)
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setenv("COLUMNS", str(columns))
-    devices(as_json=False)
-    output = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out)
-    assert max(map(len, output.splitlines())) <= columns
-    words = output.split()
-    for word in (*found[0].name.split(), *found[0].platform.split(), found[0].kind, "fp64", "units,"):
-        assert word in words or f"{word}," in words
-
-
-def test_a_wrong_choice_in_the_environment_is_named_but_does_not_hide_the_list():
-    answer = run_clbvh("devices", "--json", CLBVH_DEVICE="riva tnt")
-    assert answer.returncode == 0
-    listed = json.loads(answer.stdout)["devices"]
-    assert listed
-    assert not any(device["is_default"] for device in listed)
-    assert "'riva tnt' (asked for by CLBVH_DEVICE)" in answer.stderr
-
-
-@pytest.mark.parametrize("arguments", [(), ("--json",)])
-def test_no_driver_is_exit_code_3_and_one_line_that_points_to_the_doctor(tmp_path, arguments):
-    answer = run_process("devices", *arguments, **hidden_drivers(tmp_path))
-    assert answer.returncode == 3
-    (line,) = answer.stderr.splitlines()
-    assert "no OpenCL device was found" in line
-    assert "clbvh doctor" in line
-    if arguments:
-        assert json.loads(answer.stdout) == {"devices": [], "problems": []}
-    else:
-        assert answer.stdout == ""
-
-
-def test_a_platform_without_devices_is_named(tmp_path):
-    # A folder that PoCL cannot make: below a file.
-    (tmp_path / "file").touch()
-    answer = run_process("devices", "--json", POCL_CACHE_DIR=str(tmp_path / "file/cache"))
-    problem = "the platform 'Portable Computing Language' offers no device"
-    assert problem in json.loads(answer.stdout)["problems"]
-    assert problem in answer.stderr
-
-
-def test_pyopencl_that_cannot_be_imported_is_exit_code_3_without_a_traceback(tmp_path):
-    broken = "raise ImportError('libOpenCL.so.1: cannot open shared object file')\n"
-    (tmp_path / "pyopencl.py").write_text(broken)
-    refuses(run_process("devices", **shadowed_modules(tmp_path)), 3, "libOpenCL.so.1", "clbvh doctor")
+    def test_all_devices_are_measured_and_then_listed(self, measured, monkeypatch, tmp_path):
+        asked = []
+        monkeypatch.setattr(tune_module, "tune", lambda info: asked.append(info) or (info, *measured[1:]))
+        answer = run_clbvh("tune", "--all", CLBVH_CACHE=str(tmp_path))
+        assert (answer.returncode, answer.stderr) == (0, "")
+        assert asked == [device for device in select.list_devices() if not device.is_emulated]
+        assert answer.stdout.splitlines()[-1].startswith("the devices from now on: 0: ")
+        assert len(list(tmp_path.rglob("*.json"))) == len(asked)

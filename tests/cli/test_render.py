@@ -1,35 +1,26 @@
-"""`clbvh render`: exit codes, messages, files written."""
+"""`clbvh render`: pictures, tables, JSON objects and files of hits, of meshes and of scenes."""
 
 from __future__ import annotations
 
 import json
+import os
+import pty
 import struct
+import subprocess
+import sys
 
-import imageio.v3 as imageio
 import numpy as np
 import pytest
+import trimesh
+from PIL import Image
 
-from .command import hidden_drivers, refuses, run_clbvh, run_process
+import clbvh
+from clbvh.rendering import painters
 
-TETRAHEDRON = """ply
-format ascii 1.0
-element vertex 4
-property float x
-property float y
-property float z
-element face 4
-property list uchar int vertex_indices
-end_header
-0 0 0
-1 0 0
-0 1 0
-0 0 1
-3 0 2 1
-3 0 1 3
-3 0 3 2
-3 1 2 3
-"""
+from .command import hidden_drivers, make_environment, refuses, run_clbvh, run_process
 
+SIZE = ("--width", 48, "--height", 36)
+TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
 REPORT_KEYS = {
     "triangles", "nodes", "depth", "sah_cost", "tree_from_cache", "workers", "device", "layout", "width", "height",
     "rays", "hits", "mrays_per_s", "timings_ms",
@@ -38,198 +29,182 @@ TIMING_KEYS = {
     "load", "cache", "build", "open", "layout", "compile", "upload", "kernel", "download",
     "other", "total", "write",
 }  # fmt: skip
+SCENE = """
+[view]
+up = "y"
+width = 48
+height = 36
+
+[[object]]
+label = "floor"
+shape = "terrain"
+triangles = 50
+height = 0.2
+
+[[object]]
+label = "tree"
+shape = "icosphere"
+triangles = 20
+scale = 0.4
+repeat = {on = "floor", count = 8, seed = 1}
+
+[[object]]
+label = "stars"
+centres = [[0, 2, 0], [1, 2, 0]]
+radii = 0.4
+"""
 
 
 @pytest.fixture
 def mesh(tmp_path):
-    path = tmp_path / "tetrahedron.ply"
+    path = tmp_path / "tetrahedron.off"
     path.write_text(TETRAHEDRON)
     return path
 
 
-def test_a_mesh_becomes_a_picture_and_a_table(mesh, tmp_path):
-    result = run_clbvh("render", mesh, "-o", tmp_path / "out.ppm")
-    assert result.returncode == 0, result.stderr
-    assert imageio.imread(tmp_path / "out.ppm").shape == (450, 800, 3)
-    for word in ("tetrahedron.ply, 4 triangles", "SAH cost", "kernel", "total", "800 x 450"):
-        assert word in result.stdout
-    assert result.stderr == ""
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
 
 
-def read_times(output):
-    """Return the milliseconds of each phase of the printed table."""
-    table = output[output.index("phase ") :].splitlines()[1:]
-    return {line.split()[0]: float(line.split()[1].replace(",", "")) for line in table}
+def read(path):
+    with Image.open(path) as image:
+        return np.asarray(image)
 
 
-def test_the_rows_of_the_table_add_up_to_its_total(mesh, tmp_path):
-    times = read_times(run_clbvh("render", mesh, "-o", tmp_path / "out.ppm", "--workers", 2).stdout)
+def render(*arguments, folder):
+    """Return the report of a picture and its hits file."""
+    hits = folder / "hits.npz"
+    result = run_clbvh("render", *arguments, "-o", folder / "out.ppm", "--hits", hits, "--json", "--up", "0,1,0", *SIZE)
+    assert (result.returncode, result.stderr) == (0, "")
+    with np.load(hits) as arrays:
+        return json.loads(result.stdout), dict(arrays)
+
+
+def test_a_mesh_becomes_pictures_and_a_table_that_adds_up(mesh, tmp_path):
+    files = ("-o", tmp_path / "a.ppm", "-o", tmp_path / "a.png")
+    result = run_clbvh("render", mesh, *files, "--validate", "--workers", 2, "--up", "0,1,0")
+    assert (result.returncode, result.stderr) == (0, "")
+    picture = read(tmp_path / "a.ppm")
+    assert picture.shape == (450, 800, 3)
+    np.testing.assert_array_equal(picture, read(tmp_path / "a.png"))
+    for words in ("tetrahedron.off, 4 triangles", "SAH cost", "800 x 450", "tree and 360,000 pixels agree with the"):
+        assert words in result.stdout
+    table = result.stdout[result.stdout.index("phase ") :].splitlines()[1:]
+    times = {line.split()[0]: float(line.split()[1].replace(",", "")) for line in table}
     assert times.keys() == TIMING_KEYS - {"cache"}
     parts = [ms for phase, ms in times.items() if phase not in ("total", "write")]
     assert sum(parts) == pytest.approx(times["total"], abs=0.05 * (len(parts) + 1))
-    assert times["layout"] > 0
 
 
-def test_json_is_one_object_and_nothing_else(mesh, tmp_path):
-    result = run_clbvh("render", mesh, "-o", tmp_path / "out.ppm", "--json", "--width", 64, "--height", 48)
-    report = json.loads(result.stdout)
+def test_hits_and_json_of_one_mesh_agree(mesh, tmp_path):
+    report, hits = render(mesh, folder=tmp_path)
     assert report.keys() >= REPORT_KEYS
     assert report["timings_ms"].keys() == TIMING_KEYS
-    assert (report["triangles"], report["width"], report["height"], report["rays"]) == (4, 64, 48, 64 * 48)
-    assert 0 < report["hits"] < report["rays"]
-    assert result.stderr == ""
+    assert (report["triangles"], report["width"], report["height"], report["rays"]) == (4, 48, 36, 48 * 36)
+    assert "instances" not in report
+    by_pixel = ("t", "u", "v", "prim_id", "geometry_id", "instance_id")
+    shapes = {**dict.fromkeys(by_pixel, (36, 48)), "geometry_names": (1,), "instance_names": (1,)}
+    assert {name: array.shape for name, array in hits.items()} == shapes
+    is_hit = hits["prim_id"] >= 0
+    assert 0 < is_hit.sum() == report["hits"] < report["rays"]
+    np.testing.assert_array_equal(np.isfinite(hits["t"]), is_hit)
+    assert hits["geometry_names"].tolist() == hits["instance_names"].tolist() == ["tetrahedron"]
+    np.testing.assert_array_equal(hits["instance_id"], np.minimum(hits["prim_id"], 0))
 
 
-def test_hits_are_written_by_pixel_and_agree_with_the_report(mesh, tmp_path):
-    arguments = ("--hits", tmp_path / "hits.npz", "--width", 64, "--height", 48, "--json")
-    report = json.loads(run_clbvh("render", mesh, "-o", tmp_path / "out.png", *arguments).stdout)
-    with np.load(tmp_path / "hits.npz") as hits:
-        by_pixel = ("t", "u", "v", "prim_id", "geometry_id", "instance_id")
-        assert {name: hits[name].shape for name in hits} == {
-            **dict.fromkeys(by_pixel, (48, 64)), "geometry_names": (1,), "instance_names": (1,),
-        }  # fmt: skip
-        is_hit = hits["prim_id"] >= 0
-        assert is_hit.sum() == report["hits"]
-        assert np.isfinite(hits["t"][is_hit]).all()
-        assert np.isinf(hits["t"][~is_hit]).all()
+def test_several_meshes_and_their_parts_are_named(mesh, tmp_path):
+    cart = trimesh.Scene()
+    cart.add_geometry(trimesh.creation.box((2, 0.5, 1)), node_name="body", geom_name="box")
+    for name, x in (("left", -1.0), ("right", 1.0)):
+        place = trimesh.transformations.translation_matrix((x, -0.4, 0.6))
+        cart.add_geometry(trimesh.creation.icosphere(1, 0.3), node_name=name, geom_name="wheel", transform=place)
+    (tmp_path / "cart.glb").write_bytes(cart.export(file_type="glb"))
+    (tmp_path / "steps.obj").write_text(
+        "o low\nv 2 0 0\nv 3 0 0\nv 2 1 0\nf 1 2 3\no high\nv 2 1 1\nv 3 1 1\nv 2 2 1\nf 4 5 6\n"
+    )
+    report, hits = render(mesh, tmp_path / "cart.glb", tmp_path / "steps.obj", folder=tmp_path)
+    assert (report["instances"], report["geometries"]) == (3, 3)
+    assert hits["instance_names"].tolist() == ["tetrahedron", "cart", "steps"]
+    parts = ["body", "left", "right", "low", "high"]
+    assert hits["part_names"].tolist() == parts
+    assert {"body", "right", "low"} <= {parts[index] for index in np.unique(hits["part_id"]) if index >= 0}
+    report, hits = render(tmp_path / "cart.glb", folder=tmp_path)
+    assert hits["part_names"].tolist() == parts[:3]
+    np.testing.assert_array_equal(hits["part_id"] >= 0, hits["prim_id"] >= 0)
+    assert "instances" not in report
 
 
-def test_two_pictures_of_one_run_are_the_same(mesh, tmp_path):
-    arguments = ("-o", tmp_path / "a.ppm", "-o", tmp_path / "a.png", "--width", 40, "--height", 30)
-    assert run_clbvh("render", mesh, *arguments).returncode == 0
-    assert (imageio.imread(tmp_path / "a.ppm") == imageio.imread(tmp_path / "a.png")).all()
+def test_the_hits_of_a_scene_name_its_objects(scene, tmp_path):
+    report, hits = render(scene, folder=tmp_path)
+    assert hits["geometry_names"].tolist() == ["floor", "tree", "stars"]
+    trees = ["tree", *(f"tree {number}" for number in range(2, 9))]
+    assert hits["instance_names"].tolist() == ["floor", *trees, "stars"]
+    is_hit = hits["instance_id"] >= 0
+    geometry_of = np.array([0] + 8 * [1] + [2])
+    np.testing.assert_array_equal(hits["geometry_id"][is_hit], geometry_of[hits["instance_id"][is_hit]])
+    assert set(np.unique(hits["geometry_id"])) == {-1, 0, 1, 2}
+    assert (report["geometries"], report["instances"], report["spheres"]) == (3, 10, 2)
+    # From above, the stars are in the middle of the floor.
+    assert render(scene, "--eye", "0,9,0.1", "--look-at", "0,0,0", folder=tmp_path)[1]["instance_id"][18, 24] == 9
 
 
-def test_options_override_a_scene(tmp_path, mesh):
-    scene = tmp_path / "scene.toml"
-    scene.write_text('[[object]]\npath = "tetrahedron.ply"\n[view]\nwidth = 20\nheight = 10\n')
-    plain = run_clbvh("render", scene, "-o", tmp_path / "a.ppm", "--json")
-    assert json.loads(plain.stdout)["width"] == 20
-    options = ("--width", 30, "--shading", "normal", "--eye", "3,3,3", "--look-at", "0,0,0", "--up", "0,0,1")
-    changed = run_clbvh("render", scene, "-o", tmp_path / "b.ppm", "--json", "--background", "1,0,0", *options)
-    report = json.loads(changed.stdout)
-    assert (report["width"], report["height"]) == (30, 10)
-    normals = imageio.imread(tmp_path / "b.ppm")
-    assert (normals[0, 0] == 0).all()
-    assert (normals[5, 15] != 0).any()
-    # The same view in another shading with one ray for each pixel.
-    lit = run_clbvh(
-        "render", scene, "-o", tmp_path / "c.ppm", "--width", 30, "--background", "1,0,0", "--shading", "lambert",
-        *options[4:],
-    )  # fmt: skip
-    assert lit.returncode == 0
-    picture = imageio.imread(tmp_path / "c.ppm")
-    assert picture[0, 0].tolist() == [255, 0, 0]
-    np.testing.assert_array_equal((picture == [255, 0, 0]).all(axis=2), (normals == 0).all(axis=2))
-    assert (picture[5, 15] != normals[5, 15]).any()
+def test_the_table_of_a_scene_counts_its_objects(scene, tmp_path):
+    result = run_clbvh("render", scene, "-o", tmp_path / "out.ppm", "--validate")
+    assert (result.returncode, result.stderr) == (0, "")
+    floor = clbvh.open_scene(scene)[0].geometries[0].shape.face_count
+    for words in (
+        f"10 instances of 3 geometries, {floor + 8 * 20 + 2:,} primitives placed",
+        f"{floor + 20:,} triangles, 2 spheres",
+        "of both levels",
+        f"all trees and {48 * 36:,} pixels agree with the reference",
+    ):
+        assert words in result.stdout
 
 
-def test_cameras_of_all_kinds_replace_that_of_a_scene(tmp_path, mesh):
-    scene = tmp_path / "scene.toml"
-    scene.write_text('[[object]]\npath = "tetrahedron.ply"\n[view]\nprojection = "fisheye"\nwidth = 40\nheight = 20\n')
-    pictures = {}
-    for kind in (None, "perspective", "orthographic", "orthographic:9", "fisheye", "fisheye:300", "panorama"):
-        options = () if kind is None else ("--projection", kind)
-        result = run_clbvh("render", scene, "-o", tmp_path / "a.png", *options)
-        assert (result.returncode, result.stderr) == (0, "")
-        pictures[kind] = imageio.imread(tmp_path / "a.png").tobytes()
-    assert pictures[None] == pictures["fisheye"]
-    assert len(set(pictures.values())) == len(pictures) - 1
-
-
-def test_brute_and_tree_give_the_same_picture(mesh, tmp_path):
-    for builder in ("sah", "brute"):
-        name = tmp_path / f"{builder}.ppm"
-        assert run_clbvh("render", mesh, "-o", name, "--builder", builder, "--width", 80).returncode == 0
-    assert (tmp_path / "sah.ppm").read_bytes() == (tmp_path / "brute.ppm").read_bytes()
+def test_no_tree_any_layout_and_any_workers_give_the_same_picture(scene, tmp_path):
+    pictures = []
+    for options in ((), ("--builder", "brute"), ("--layout", "bvh2"), ("--workers", 2, "--task-threshold", 10)):
+        result = run_clbvh("render", scene, "-o", tmp_path / "a.ppm", "--json", *options)
+        pictures.append((tmp_path / "a.ppm").read_bytes())
+        if "--workers" in options:
+            assert json.loads(result.stdout)["workers"] == 2
+    assert len(set(pictures)) == 1
 
 
 def test_leaves_of_the_frontier_are_not_cut_again_unless_asked(mesh, tmp_path):
     for asked, layout in (("auto", "bvh2"), ("bvh8", "bvh8")):
-        picture = tmp_path / f"{asked}.ppm"
-        options = ("--builder", "frontier", "--layout", asked, "--width", 80, "--height", 45)
-        result = run_clbvh("render", mesh, "-o", picture, *options, "--json")
+        options = ("--builder", "frontier", "--layout", asked, *SIZE, "--json")
+        result = run_clbvh("render", mesh, "-o", tmp_path / "a.ppm", *options)
         assert json.loads(result.stdout)["layout"] == layout
-    assert (tmp_path / "auto.ppm").read_bytes() == (tmp_path / "bvh8.ppm").read_bytes()
 
 
-def test_validation_is_reported(mesh, tmp_path):
-    result = run_clbvh("render", mesh, "-o", tmp_path / "a.ppm", "--validate", "--width", 40, "--height", 30)
-    assert result.returncode == 0
-    assert "tree and 1,200 pixels agree with the reference" in result.stdout
+def test_heat_maps_have_a_bar_below(scene, tmp_path):
+    for quantity in ("nodes", "triangles"):
+        assert run_clbvh("render", scene, "-o", tmp_path / "out.png", "--heatmap", quantity).returncode == 0
+        picture = read(tmp_path / "out.png")
+        assert picture.shape[0] > 36
+        assert len(np.unique(picture[:36].reshape(-1, 3), axis=0)) > 5
+        assert int(picture[18, 24].sum()) > int(picture[0, 0].sum())
 
 
-def test_workers_build_what_one_process_builds(tmp_path):
-    scene = tmp_path / "knot.toml"
-    scene.write_text('[[object]]\nshape = "knot"\ntriangles = 30000\n[view]\nup = "y"\nwidth = 64\nheight = 40\n')
-    pictures = []
-    for workers in (1, 2):
-        name = tmp_path / f"{workers}.ppm"
-        result = run_clbvh("render", scene, "-o", name, "--workers", workers, "--json")
-        assert json.loads(result.stdout)["workers"] == workers
-        pictures.append(name.read_bytes())
-    assert pictures[0] == pictures[1]
-
-
-def test_a_missing_mesh_is_bad_input(tmp_path):
-    refuses(run_clbvh("render", tmp_path / "gone.ply", "-o", tmp_path / "a.ppm"), 2, "gone.ply", "no such file")
-
-
-def test_a_mesh_with_nan_is_bad_input(tmp_path, mesh):
-    mesh.write_text(TETRAHEDRON.replace("0 1 0\n", "0 nan 0\n"))
-    refuses(run_clbvh("render", mesh, "-o", tmp_path / "a.ppm"), 2, "vertex 2", "nan")
-
-
-def test_a_face_out_of_range_is_bad_input(tmp_path, mesh):
-    mesh.write_text(TETRAHEDRON.replace("3 1 2 3", "3 1 2 4"))
-    refuses(run_clbvh("render", mesh, "-o", tmp_path / "a.ppm"), 2, "face 3", "vertex 4")
-
-
-def test_a_truncated_mesh_is_bad_input_and_writes_nothing(tmp_path, mesh):
-    header = TETRAHEDRON.split("end_header")[0].replace("ascii", "binary_little_endian") + "end_header\n"
-    mesh.write_bytes(header.encode() + struct.pack("<3f", 0, 0, 0))
-    refuses(run_clbvh("render", mesh, "-o", tmp_path / "a.ppm"), 2, "tetrahedron.ply")
-    assert [path.name for path in tmp_path.iterdir()] == ["tetrahedron.ply"]
-
-
-def test_a_bad_scene_is_bad_input(tmp_path):
-    (tmp_path / "bad.toml").write_text("[[object]]\nname = 3\n")
-    refuses(run_clbvh("render", tmp_path / "bad.toml", "-o", tmp_path / "a.ppm"), 2, "bad.toml", "name: expected str")
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--eye", "1,2"), ("eye", "three finite numbers", "1,2")),
-        (("--shading", "phong"), ("shading", "phong")),
-        (("--width", "0"), ("width", "0")),
-        (("--builder", "magic"), ("builder", "magic")),
-        (("--layout", "magic"), ("layout", "magic")),
-        (("--bins", "1"), ("bins", "1")),
-        (("--quality", "best"), ("quality", "best")),
-        (("--leaf-size", "0"), ("leaf_size", "0")),
-        (("--fov", "180"), ("fov", "180")),
-        (("--projection", "pinhole"), ("projection", "pinhole", "panorama")),
-        (("--projection", "panorama:3"), ("panorama", "no value")),
-        (("--projection", "fisheye:wide"), ("fisheye", "wide")),
-        (("--projection", "fisheye:400"), ("fisheye", "360")),
-        (("--projection", "fisheye", "--fov", "40"), ("fov", "projection")),
-        (("--aperture", "-1"), ("aperture", "-1")),
-        (("--aperture", "1", "--focus-distance", "0"), ("focus_distance", "0")),
-        (("--hits", "hits.csv"), ("hits.csv", ".npz")),
-    ],
-)
-def test_options_out_of_range_are_wrong_usage(mesh, tmp_path, options, words):
-    refuses(run_clbvh("render", mesh, "-o", tmp_path / "a.ppm", *options), 2, *words)
-
-
-def test_an_output_that_cannot_be_is_found_before_the_work(mesh, tmp_path):
-    refuses(run_clbvh("render", mesh, "-o", tmp_path / "a.gif"), 2, "a.gif", ".png, .jpg, .jpeg, .ppm")
-    refuses(run_clbvh("render", mesh, "-o", tmp_path / "gone" / "a.ppm"), 2, "does not exist")
-
-
-def test_an_unknown_device_exits_3(mesh, tmp_path):
-    refuses(run_clbvh("render", mesh, "-o", tmp_path / "a.ppm", "--device", "no such card"), 3, "no such card")
+def test_files_that_are_wrong_are_named(tmp_path, mesh):
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 4\n" + "".join(f"property float {a}\n" for a in "xyz")
+    knot = '[[object]]\nshape = "knot"\n'
+    wrong = {
+        "a.off": (TETRAHEDRON.replace("0 1 0\n", "0 nan 0\n").encode(), ("vertex 2", "nan")),
+        "b.off": (TETRAHEDRON.replace("3 1 2 3", "3 1 2 4").encode(), ("face 3", "vertex 4")),
+        "c.ply": (f"{head}end_header\n".encode() + struct.pack("<3f", 0, 0, 0), ("c.ply",)),
+        "d.toml": (b"[[object]]\nname = 3\n", ("d.toml", "name: expected str")),
+        "e.toml": (f"{knot}matrix = [[1,0,0,0],[0,0,0,0],[0,0,1,0],[0,0,0,1]]".encode(), ("'knot'", "singular")),
+        "f.toml": (f"{knot}repeat = {{grid = [2000, 2000, 1], spacing = [1, 1, 1]}}".encode(), ("4,000,000 copies",)),
+    }
+    for name, (content, words) in wrong.items():
+        (tmp_path / name).write_bytes(content)
+        refuses(run_clbvh("render", tmp_path / name, "-o", tmp_path / "a.ppm"), 2, *words)
+        assert not (tmp_path / "a.ppm").exists()
 
 
 def test_a_machine_without_a_driver_exits_3(mesh, tmp_path):
@@ -237,21 +212,92 @@ def test_a_machine_without_a_driver_exits_3(mesh, tmp_path):
     refuses(result, 3, "clbvh doctor")
 
 
-def test_a_missing_output_is_wrong_usage(mesh):
-    result = run_clbvh("render", mesh)
-    assert result.returncode == 2
-    assert "--output" in result.stderr
-
-
-def test_a_known_mesh_that_is_nowhere_says_how_to_get_it(tmp_path):
-    environment = {"CLBVH_MESHES": str(tmp_path), "CLBVH_CACHE": str(tmp_path)}
-    result = run_clbvh("render", "bunny", "-o", tmp_path / "a.ppm", **environment)
-    refuses(result, 2, "clbvh fetch bunny", "CLBVH_MESHES")
-
-
 @pytest.mark.parametrize("name", ["bun_zipper.ply", "drill_shaft_zip.ply"])
 def test_real_meshes_validate(real_mesh_path, tmp_path, name):
-    path = real_mesh_path(name)
-    result = run_clbvh("render", path, "-o", tmp_path / "a.ppm", "--validate", "--width", 200, "--height", 120)
-    assert result.returncode == 0, result.stderr
+    result = run_clbvh("render", real_mesh_path(name), "-o", tmp_path / "a.ppm", "--validate", *SIZE, "--up", "y")
+    assert (result.returncode, result.stderr) == (0, "")
     assert "agree with the reference" in result.stdout
+
+
+class TestKeptTrees:
+    @pytest.fixture
+    def draw(self, mesh, tmp_path):
+        """A function that renders the mesh, with the user's cache in the test's folder, and returns the report."""
+
+        def run(*arguments, note=""):
+            words = ("render", mesh, "-o", tmp_path / "a.ppm", *SIZE, "--up", "0,1,0", "--json", *arguments)
+            answer = run_clbvh(*words, CLBVH_CACHE=str(tmp_path / "cache"))
+            assert answer.returncode == 0
+            assert note in answer.stderr if note else answer.stderr == ""
+            return json.loads(answer.stdout)
+
+        return run
+
+    def test_a_second_run_takes_the_tree_of_the_first(self, draw, tmp_path):
+        assert draw()["tree_from_cache"] is False
+        assert not (tmp_path / "cache").exists()
+        first = draw("--cache")
+        picture = (tmp_path / "a.ppm").read_bytes()
+        second = draw("--cache")
+        assert [first["tree_from_cache"], second["tree_from_cache"]] == [False, True]
+        assert [first["workers"], second["workers"]] == [1, 0]
+        assert [report["timings_ms"]["build"] > 0 for report in (first, second)] == [True, False]
+        assert all(first[key] == second[key] for key in ("nodes", "depth", "sah_cost", "hits"))
+        assert (tmp_path / "a.ppm").read_bytes() == picture
+        (tree,) = (tmp_path / "cache" / "trees").iterdir()
+        assert draw()["tree_from_cache"] is False
+        # A damaged file is built again, and said.
+        tree.write_bytes(tree.read_bytes()[:100])
+        note = f"clbvh: the tree in the cache cannot be used and is built again: {tree}"
+        assert draw("--cache", note=note)["tree_from_cache"] is False
+        assert draw("--cache")["tree_from_cache"] is True
+        assert draw("--cache", "--builder", "brute")["tree_from_cache"] is False
+
+    def test_another_folder_can_be_named(self, draw, scene, tmp_path):
+        folder = tmp_path / "elsewhere"
+        for expected in (False, True):
+            assert draw("--cache-dir", folder)["tree_from_cache"] is expected
+        assert not (tmp_path / "cache").exists()
+        # Those of all geometries of a scene.
+        words = ("render", scene, "-o", tmp_path / "a.ppm", "--cache-dir", folder)
+        assert ["from the cache" in run_clbvh(*words).stdout for _ in range(2)] == [False, True]
+        assert len(list(folder.iterdir())) == 1 + 3
+
+
+class TestSamples:
+    WORDS = ("--width", 40, "--height", 30)
+
+    def test_a_short_time_takes_one_sample_at_least(self, scene, tmp_path):
+        for more in ((), ("--samples", 1_000_000)):
+            answer = run_clbvh("render", scene, "-o", tmp_path / "a.png", *SIZE, "--time", 0.01, "--json", *more)
+            assert (answer.returncode, answer.stderr) == (0, "")
+            assert 1 <= json.loads(answer.stdout)["samples"] < 1_000_000
+
+    @pytest.mark.parametrize("shading", ["studio", "ao"])
+    def test_bands_do_not_change_the_file(self, mesh, tmp_path, monkeypatch, shading):
+        words = ("render", mesh, *self.WORDS, "--samples", 5, "--shading", shading, "--transparent", "--no-ground")
+        assert run_clbvh(*words, "-o", tmp_path / "whole.png").returncode == 0
+        monkeypatch.setattr(painters, "BAND_PIXELS", 40 * 7)
+        assert run_clbvh(*words, "-o", tmp_path / "bands.png").returncode == 0
+        assert (tmp_path / "whole.png").read_bytes() == (tmp_path / "bands.png").read_bytes()
+        alpha = read(tmp_path / "whole.png")[..., 3]
+        assert (alpha[0, 0], alpha.max()) == (0, 255)
+        assert ((alpha > 0) & (alpha < 255)).any()
+
+    def test_a_terminal_shows_the_progress(self, mesh, tmp_path):
+        main, terminal = pty.openpty()
+        words = ["render", mesh, "-o", tmp_path / "a.png", *self.WORDS, "--time", 2]
+        process = subprocess.Popen(
+            [sys.executable, "-c", "from clbvh.cli import main; main()", *map(str, words)],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=terminal, env=make_environment(TERM="xterm"),
+        )  # fmt: skip
+        os.close(terminal)
+        shown = b""
+        try:
+            while part := os.read(main, 4096):
+                shown += part
+        except OSError:  # Linux's end of a terminal
+            os.close(main)
+        assert process.wait() == 0
+        assert b"open the device ..." in shown
+        assert b"of 2 s" in shown

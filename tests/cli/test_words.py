@@ -1,31 +1,136 @@
-"""Words of the command line that cannot be parsed are one line; options stand anywhere, and the last one counts."""
+"""What the command refuses, in one line; and how words are read."""
 
 from __future__ import annotations
 
 import json
 
+import pytest
 import trimesh
 
 from .command import refuses, run_clbvh
 
-REFUSED = {
-    "rendr a.ply": 'unknown command "rendr". Did you mean "render"? Available commands: render, ',
-    "render a.ply -o a.png --widht 3": "unknown option: --widht. Did you mean --width?",
-    "render a.ply -o a.png --width 3.5": "value for --width: '3.5' is not a whole number",
-    "turntable a.ply -o a.gif --frames 1.5": "--frames",
-    "render a.ply -o a.png --fov wide": "--fov",
-    "render a.ply -o a.png --width": "--width requires an argument",
-    "render a.ply": "--output requires an argument",
+# The words of a command, and words of its answer. `mesh.ply` and `scene.toml` are there, `scene.toml` has two objects.
+PARSED = {
+    "rendr mesh.ply": 'unknown command "rendr". Did you mean "render"? Available commands: render, ',
+    "render mesh.ply -o a.png --widht 3": "unknown option: --widht. Did you mean --width?",
+    "render mesh.ply -o a.png --width 3.5": "value for --width: '3.5' is not a whole number",
+    "turntable mesh.ply -o a.gif --frames 1.5": "--frames",
+    "render mesh.ply -o a.png --fov wide": "--fov",
+    "render mesh.ply -o a.png --width": "--width requires an argument",
+    "render mesh.ply": "--output requires an argument",
     "render -o a.png": "MESH|SCENE requires an argument",
     "devices cpu": "unexpected argument 'cpu'",
-    "stats a.ply b.ply": "unexpected argument 'b.ply'",
+    "stats mesh.ply b.ply": "unexpected argument 'b.ply'",
     "--nonsense": "--nonsense",
+}
+OPTIONS = {
+    "--eye 1,2": "eye must be three finite numbers",
+    "--up w": "up must be a direction, an axis",
+    "--frame bulk": "auto, all",
+    "--side above": "side",
+    "--side top --eye 1,2,3": "'top'",
+    "--shading phong": "phong",
+    "--width 0": "width",
+    "--fov 180": "fov",
+    "--projection pinhole": "panorama",
+    "--projection fisheye:wide": "wide",
+    "--projection fisheye:400": "360",
+    "--projection fisheye --fov 40": "fov",
+    "--aperture -1": "aperture",
+    "--aperture 1 --focus-distance 0": "focus_distance",
+    "--cut 0,0,0": "a cut is a text such as",
+    "--cut 0,0,0;0,0,0": "length above 0",
+    "--cut z=101%": "0 to 100 %",
+    "--wireframe-width 0": "above 0",
+    "--wireframe-colour red": "three finite numbers",
+    "--builder magic": "magic",
+    "--layout magic": "magic",
+    "--bins 1": "bins",
+    "--quality best": "best",
+    "--leaf-size 0": "leaf_size",
+    "--cache-dir mesh.ply": "trees cannot be kept in this folder",
+    "--hits hits.csv": ".npz",
+    "--time 0": "time limit",
+    "--time nan": "time limit",
+    "--heatmap boxes": "'boxes'",
+    "--heatmap nodes --builder brute": "brute",
+}
+VERBS = {
+    "render gone.ply -o a.png": "gone.ply: no such file",
+    "render mesh.ply -o a.gif": ".png, .jpg, .jpeg, .ppm",
+    "render mesh.ply -o gone/a.png": "does not exist",
+    "render mesh.ply scene.toml -o a.png": "draw a scene file alone",
+    "render mesh.ply gone.ply -o a.png": "gone.ply: no such file",
+    "render wrong.toml -o a.png": "object 1",
+    "render bunny -o a.png": "clbvh fetch bunny",
+    "sheet mesh.ply -o a.gif": ".png, .jpg, .jpeg, .ppm",
+    "sheet mesh.ply -o a.png --up 0,0,0": "up",
+    "turntable mesh.ply -o a.avi": ".gif or .mp4",
+    "turntable mesh.ply -o a.gif --frames 0": "from 1 to",
+    "turntable mesh.ply -o a.gif --fps nan": "frames_per_s",
+    "turntable mesh.ply -o a.gif --projection panorama": "panorama",
+    "images gone.ply -o a.jpg": "must end in .exr, .npz, .png, .ppm",
+    "images mesh.ply -o a.png --channels depth,glow": "there is no channel 'glow'",
+    "images mesh.ply -o a.png --channels ,": "at least one channel",
+    "images mesh.ply -o a.png --channels motion": "--next-camera-file",
+    "images mesh.ply -o a.png --camera-file gone.json": "gone.json: no such file",
+    "images mesh.ply -o a.png --camera-file gone.json --fov 30": "--camera-file says all of the view",
+    "images mesh.ply -o a.png --depth-scale 0": "depth_scale must be",
+    "stats gone.ply": "gone.ply: no such file",
+    "stats wrong.toml": "object 1",
+    "stats mesh.ply --plot a.pdf": ".png",
+    "stats mesh.ply --builder brute": "brute",
+    "stats mesh.ply --workers 0": "workers",
+    "stats scene.toml --exact": "several objects",
+    "stats scene.toml --rays": "several objects",
+    "stats scene.toml --plot a.png": "several objects",
+    "doctor --device cpu": "need --conformance",
+    "doctor --mesh soup": "need --conformance",
+    "doctor --conformance --mesh bunny": "'bunny' is no mesh",
+    "doctor --dry-run": "--dry-run needs --fix",
+    "doctor --fix --conformance": "give one of them",
+    "tune --all --device 0": "give one of them",
+    "study ladders -o .": "'ladders'",
+    "study --page -o .": "no samples",
+    "study threshold -o mesh.ply": "this folder cannot be created",
 }
 
 
-def test_words_that_cannot_be_parsed_are_one_line():
-    for words, said in REFUSED.items():
-        refuses(run_clbvh(*words.split()), 2, said)
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    trimesh.creation.box().export(tmp_path / "mesh.ply")
+    objects = '[[object]]\nshape = "icosphere"\ntriangles = 20\n'
+    (tmp_path / "scene.toml").write_text(2 * objects)
+    (tmp_path / "bare.toml").write_text(f"{objects}[view]\ntransparent = true\n")
+    (tmp_path / "wrong.toml").write_text(f"{objects}scale = [1, 0, 1]\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_what_is_refused_is_one_line_and_nothing_is_written(folder):
+    before = sorted(folder.iterdir())
+    environment = {"CLBVH_MESHES": str(folder), "CLBVH_CACHE": str(folder / "cache")}
+    of_render = {f"render mesh.ply -o a.png {words}": said for words, said in OPTIONS.items()}
+    for words, said in (PARSED | VERBS | of_render).items():
+        answer = run_clbvh(*words.split(), **environment)
+        assert said in answer.stderr, words
+        refuses(answer, 2)
+        assert sorted(folder.iterdir()) == before, words
+
+
+def test_a_file_without_alpha_is_refused_before_any_work(folder, monkeypatch):
+    fail = lambda *_, **__: pytest.fail("no work before the check")  # noqa: E731
+    with monkeypatch.context() as patch:
+        patch.setattr("clbvh.rendering.renderer.render", fail)
+        refuses(run_clbvh("render", "mesh.ply", "-o", "a.ppm", "--transparent"), 2, ".png")
+        refuses(run_clbvh("render", "bare.toml", "-o", "a.ppm"), 2, ".png")
+    words = ("render", "bare.toml", "-o", "a.ppm", "--width", 40, "--samples", 1)
+    assert run_clbvh(*words, "--no-transparent").returncode == 0
+
+
+def test_an_unknown_device_is_exit_code_3(folder):
+    for words in ("render mesh.ply -o a.png", "warmup", "study -o ."):
+        refuses(run_clbvh(*words.split(), "--device", "no such card"), 3, "no such card")
 
 
 def test_no_words_are_wrong_usage_and_get_the_help():
@@ -34,9 +139,7 @@ def test_no_words_are_wrong_usage_and_get_the_help():
     assert answer.stdout == run_clbvh("--help").stdout == run_clbvh("-h").stdout
 
 
-def test_options_may_stand_between_sources_and_the_last_counts(tmp_path):
-    mesh, picture = tmp_path / "box.off", tmp_path / "a.ppm"
-    trimesh.creation.box().export(mesh)
-    answer = run_clbvh("render", mesh, "-o", picture, "--width", 40, mesh, "--height", 9, "--json", "--width", 16)
-    assert json.loads(answer.stdout)["instances"] == 2
-    assert picture.read_bytes().startswith(b"P6\n16 9\n")
+def test_options_may_stand_between_sources_and_the_last_counts(folder):
+    words = "render mesh.ply -o a.ppm --width 40 mesh.ply --height 9 --json --width 16"
+    assert json.loads(run_clbvh(*words.split()).stdout)["instances"] == 2
+    assert (folder / "a.ppm").read_bytes().startswith(b"P6\n16 9\n")

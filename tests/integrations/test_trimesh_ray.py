@@ -312,14 +312,23 @@ class TestChanges:
     def test_wear_counts_from_the_build(self, torus, work):
         """A tracer that is opened over a refitted tree begins with its growth, not with 1."""
         x, y, z = np.array(torus.vertices).T
-        torus.ray.intersects_first(*DOWN)
-        for angle in np.arange(1.0, 12.0, 0.5):  # turned about the x-axis, the farther along it the more
-            if angle % 1 == 0:
-                torus.ray._tracer.give_way()
+
+        def twist(angle):  # about the x-axis, the farther along it the more
             cos, sin = np.cos(angle * x), np.sin(angle * x)
-            torus.vertices = np.stack((x, cos * y - sin * z, sin * y + cos * z), axis=1)
+            return np.stack((x, cos * y - sin * z, sin * y + cos * z), axis=1)
+
+        bvh = clbvh.build((torus.vertices, torus.faces))
+        growths = {
+            angle: clbvh.sah_cost(bvh.refit(twist(angle))) / clbvh.sah_cost(bvh) for angle in np.arange(0, 9, 0.1)
+        }
+        torus.ray.intersects_first(*DOWN)
+        for growth, done in ((1.5, ["Tracer"]), (2.2, ["build", "Tracer"])):
+            torus.vertices = twist(next(angle for angle, grown in growths.items() if grown > growth))
+            if growth < 2:
+                torus.ray._tracer.give_way()
+            work.clear()
             torus.ray.intersects_first(*DOWN)
-        assert work.count("build") > 1
+            assert work == done
 
     def test_vertices_that_no_tree_can_have_are_refused_until_they_are_mended(self, torus):
         before, vertices = ask(torus), np.array(torus.vertices)
