@@ -4,8 +4,6 @@
 leaves obtained, expected and difference in `out/image-tests/`.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Environments: maps as settings, their tables, and pictures in their light, against answers by formula."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

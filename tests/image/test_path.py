@@ -1,7 +1,5 @@
 """Paths of light: scenes whose radiance is known by a formula or by numerical integration."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """Small pictures of a mesh and of a scene with several objects: hits first, then pixels."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 

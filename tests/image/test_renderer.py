@@ -1,7 +1,5 @@
 """A renderer of many pictures: each is what `render` makes, nothing is made twice, and it can be shared and closed."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The shadings `studio` and `ao`: references that were looked at, and answers by formula; maps of normals."""
 
-from __future__ import annotations
-
 import itertools
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Cameras: axes, rays, turns, values that no camera has, and files of cameras."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """Cuts: the parts of rays, texts, and pictures whose hits are those of rays with the same limits."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -108,6 +106,9 @@ def test_hits_are_those_of_rays_with_the_same_limits(request, open_tracer, name,
                 np.testing.assert_allclose(hits.t[same], t[same], rtol=1e-6)
                 begin, end = cut.ranges(origins, directions)
                 assert not ((begin <= end) & (hits.t > begin) & (hits.t < end)).any(), cut
+                # Light comes as if nothing were cut.
+                unchanged = hits.t == whole.hits.t
+                assert (picture.rgb[unchanged] == whole.rgb[unchanged]).all()
             assert check_pixels(picture).validated_pixels > 100
         # Validation finds pixels that ignore their cut, or that have one without a reason.
         cut, camera = CUTS[0], OUTSIDE

@@ -1,7 +1,5 @@
 """Framing: cameras that see the whole of a mesh or a scene from any side, and waste no room."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

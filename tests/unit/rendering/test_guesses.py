@@ -1,7 +1,5 @@
 """What a picture guesses: which way is up, and which few parts are too far away to frame."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

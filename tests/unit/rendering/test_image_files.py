@@ -1,7 +1,5 @@
 """Files of pictures, of hits and of light: whole or absent, read back as they were, and refused where damaged."""
 
-from __future__ import annotations
-
 import io
 from contextlib import suppress
 
@@ -52,20 +50,6 @@ def test_hits_read_back_with_the_names_of_all_parts(tmp_path):
         assert loaded["instance_names"].tolist() == ["a", "b 2", "\u00e9"]
         assert loaded["part_id"].tolist() == [-1, 1, 2, 4, -1]
         assert loaded["part_names"].tolist() == ["a", "b", "c", "d", "e"]
-
-
-def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
-    (tmp_path / "h.npz").write_bytes(b"old")
-
-    def fail(file, **arrays):
-        file.write(b"half")
-        raise OSError("no space left on device")
-
-    monkeypatch.setattr(np, "savez", fail)
-    with pytest.raises(OSError, match="no space"):
-        files.write_hits(tmp_path / "h.npz", make_hits(), ("a",), ("a",))
-    assert [path.name for path in tmp_path.iterdir()] == ["h.npz"]
-    assert (tmp_path / "h.npz").read_bytes() == b"old"
 
 
 def test_other_names_are_refused_before_the_work(tmp_path):

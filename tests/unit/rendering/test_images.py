@@ -1,7 +1,5 @@
 """Images for programs against formulas: spheres and a wall, seen by cameras of known matrices."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Orthographic, fisheye and panoramic cameras: their rays by formula, the way back, and their pictures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

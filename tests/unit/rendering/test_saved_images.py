@@ -1,7 +1,5 @@
 """Images read back from files: bit for bit, or within half a step of 16 bits."""
 
-from __future__ import annotations
-
 import json
 import struct
 import sys

@@ -1,7 +1,5 @@
 """Settings of pictures: each is checked where it is declared, has the same name everywhere, and reaches the device."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Wireframes: lines against the projected edges, in all projections, shadings, bands and scenes."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
