@@ -73,20 +73,8 @@ def encode_exr(channels, attributes=None):
     return file.getvalue()
 
 
-def test_exr_holds_every_bit(tmp_path):
-    channels = {
-        "R": np.array([[0, -0.0, np.inf], [-np.inf, np.nan, 1e-40]], np.float32),
-        "strided.Z": np.arange(24, dtype=np.float32).reshape(4, 6)[::2, ::-2],
-        "ids.V": np.array([[0, 1, 2**31], [2**32 - 1, 7, 8]], np.uint32),
-        "half.Y": np.array([[1, 65504, 6e-8], [0, 1, 2]], np.float16),
-    }
-    content = encode_exr(channels, {"camera": '{"a": "\u00e9"}'})
-    (tmp_path / "a.exr").write_bytes(content)
-    read = files.read_exr(tmp_path / "a.exr")
-    assert set(read) == set(channels)
-    for name, pixels in channels.items():
-        assert (read[name].dtype, read[name].tobytes()) == (pixels.dtype, pixels.tobytes())
-    assert '{"a": "\u00e9"}'.encode() in content
+def test_damaged_exr_files_are_refused(tmp_path):
+    content = encode_exr({"R": RGB[..., 0].astype(np.float32)}, {"camera": '{"a": "\u00e9"}'})
     for damaged in (b"", content[:3], content[:100], content[:-20], content[:-1], b"solid cube\n" * 40):
         (tmp_path / "a.exr").write_bytes(damaged)
         with pytest.raises(SceneError, match=r"a\.exr: this is no OpenEXR file"):

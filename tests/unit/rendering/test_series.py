@@ -87,10 +87,9 @@ def test_a_turntable_has_the_pictures_of_a_turn_about_up(frames, tmp_path):
 
 def test_wrong_turns_are_refused_before_any_work(tmp_path, monkeypatch):
     rows = [
-        *(("a.gif", {"frames": frames}, "frames of a turn") for frames in (0, True, 2.5, "8", 90_001, None)),
-        *(("a.gif", {"frames_per_s": rate}, "frames_per_s") for rate in (0, -1.0, np.nan, np.inf, True, "25")),
-        *((name, {}, words) for name, words in (("a.avi", r"\.gif or \.mp4"), ("gone/a.gif", "does not exist"))),
-        ("a.mp4", {}, "pip install imageio-ffmpeg"),
+        *(("a.gif", {"frames": frames}, "frames of a turn") for frames in (0, True, 2.5, "8", 90_001)),
+        *(("a.gif", {"frames_per_s": rate}, "frames_per_s") for rate in (0, np.nan, np.inf, True, "25")),
+        *((name, {}, words) for name, words in (("a.avi", r"\.gif or \.mp4"), ("a.mp4", "pip install imageio-ffmpeg"))),
     ]
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     for name, turn, words in rows:
