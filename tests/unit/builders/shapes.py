@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -44,22 +45,13 @@ def exponential(copies=1):
     return from_corners(np.concatenate([corners, -corners]))
 
 
-def giant_among_dwarfs():
-    random = np.random.default_rng(3)
-    dwarfs = random.random((500, 1, 3)) + 1e-3 * random.random((500, 3, 3))
-    return from_corners(np.concatenate([dwarfs, 1e6 * TRIANGLE[None]]))
-
-
 def spheres(count):
     random = np.random.default_rng(count)
     return Spheres(random.normal(size=(count, 3)), 10.0 ** random.uniform(-3, -1, count))
 
 
 MESHES = {
-    "one": lambda: make_soup(1, seed=1),
-    "two": lambda: make_soup(2, seed=1),
-    "three": lambda: make_soup(3, seed=1),
-    "nine": lambda: make_soup(9, seed=1),
+    **{str(count): partial(make_soup, count, seed=1) for count in (1, 2, 3, 9)},
     "soup": lambda: make_soup(700, seed=2, copies=0.3, degenerate=0.1),
     "on a grid": lambda: make_soup(500, seed=3, grid=3, size=1),
     "nested": lambda: nested(400),
@@ -67,7 +59,6 @@ MESHES = {
     "copies of two": lambda: from_corners(np.concatenate([np.tile(TRIANGLE, (999, 1, 1)), [TRIANGLE + 5] * 1000])),
     "one point": lambda: from_corners(np.ones((300, 3, 3))),
     "line": lambda: line(300),
-    "giant among dwarfs": giant_among_dwarfs,
     "exponential": exponential,
     "below normal numbers": lambda: make_soup(300, seed=6, scale=1e-43),
     "1e38": lambda: make_soup(300, seed=6, scale=1.6e35),

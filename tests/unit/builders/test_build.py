@@ -12,7 +12,7 @@ import pytest
 
 from clbvh import BuildOptions, Mesh, SubtreePool, build, make_shape, sah_cost, validate_tree
 from clbvh.builders import build as build_module
-from clbvh.builders.build import BUILDERS, build_tree, choose_workers, leaf_limit
+from clbvh.builders.build import BUILDERS, build_tree, leaf_limit
 from clbvh.builders.options import MAX_DEPTH, QUALITIES
 from clbvh.errors import ConfigError
 
@@ -80,13 +80,9 @@ def test_trees_are_as_good_as_their_quality_says(shape):
     ("builder", "quality", "phases"),
     [
         ("sah", "fast", "treelets subtrees compact"),
-        ("sah", "default", "metadata top subtrees compact"),
         ("sah", "high", "metadata top subtrees compact finer-bins expand_leaves reinsert collapse"),
-        ("sequential", "default", "share top subtrees convert"),
         ("range", "default", "share top subtrees convert"),
-        ("atomic", "default", "share metadata top subtrees convert"),
         ("flatten", "default", "share metadata top subtrees flatten"),
-        ("flat", "default", "share metadata top subtrees compact"),
     ],
 )
 def test_each_phase_is_timed(builder, quality, phases, mesh, pool):
@@ -127,15 +123,6 @@ def test_small_meshes_and_the_first_variant_leave_the_pool_alone(pool, monkeypat
     for builder in [name for name in BUILDERS if name != "sequential"]:
         with pytest.raises(AssertionError, match="was used"):
             build(mesh, builder=builder, pool=Untouchable())
-
-
-def test_a_thread_is_started_for_every_ten_thousand_triangles(monkeypatch):
-    monkeypatch.setattr(build_module, "usable_cores", lambda: 7)
-    for face_count, threads in ((2, 1), (19_999, 1), (20_000, 2), (60_000, 6), (90_000, 7), (10**7, 7)):
-        assert choose_workers(face_count, "sah", BuildOptions(), None) == threads
-        assert choose_workers(face_count, "flat", BuildOptions(), 3) == min(threads, 3)
-        assert choose_workers(face_count, "sequential", BuildOptions(), 3) == 1
-        assert choose_workers(face_count, "sah", BuildOptions(task_threshold=1), 5) == 5
 
 
 def test_the_ends_of_each_range_are_allowed_and_numpy_numbers_become_plain_ones():

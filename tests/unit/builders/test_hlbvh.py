@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clbvh import Mesh, build
+from clbvh import build
 from clbvh.builders.hlbvh.clusters import (
     CLUSTER_SIZE,
     Cluster,
     cut_clusters,
     make_sweep_scratch,
-    sort_prim_refs,
     sweep_cluster,
 )
 from clbvh.builders.hlbvh.treelets import bound_points, count_cells, cut_treelets, make_grid
@@ -22,7 +21,7 @@ from clbvh.bvh.bvh import measure_depth
 from clbvh.structs import BOX_LANES, NODE
 
 from ...soup import make_soup
-from .reference import BOX, cost_of, make_prim_refs
+from .reference import cost_of, make_prim_refs
 
 
 def find_cells(mesh, axis_bits):
@@ -53,11 +52,6 @@ def test_the_code_of_a_cell_alternates_the_bits_of_its_coordinates(axis_bits):
     assert counts.tolist() == np.bincount(cells, minlength=len(counts)).tolist()
 
 
-def test_a_mesh_without_extent_has_one_cell():
-    cells, counts = find_cells(Mesh.from_arrays(np.ones((60, 3)), np.arange(60).reshape(-1, 3)), 5)
-    assert (cells.tolist(), counts[0]) == ([0] * 20, 20)
-
-
 def cut_by_halves(counts, begin, size, limit):
     """Return (first cell, cells) of the blocks, from the whole grid down."""
     total = int(counts[begin : begin + size].sum())
@@ -80,22 +74,6 @@ def test_treelets_are_the_largest_blocks_within_the_limit(limit):
         assert first_cells[:count].tolist() == [begin for begin, _ in blocks]
         for treelet, (begin, size) in enumerate(blocks):
             assert (treelet_of_cell[begin : begin + size] == treelet).all()
-
-
-@pytest.mark.parametrize("count", [1, 2, 600, 5000])
-def test_references_come_in_the_order_of_their_codes(count):
-    prim_refs, _ = make_prim_refs(make_soup(count, seed=3, copies=0.3))
-    rows = np.concatenate([np.zeros((7, BOX_LANES), np.float32), prim_refs[0]])
-    result, codes = np.empty((count, BOX_LANES), np.float32), np.empty(count, np.int32)
-    sort_prim_refs(rows, 7, count, result, codes, np.empty(count, np.int64), np.empty(count, np.int64))
-    assert (np.diff(codes) >= 0).all()
-    prims = result.view(np.int32)[:, 3]
-    assert sorted(prims.tolist()) == list(range(count))
-    assert result[:, BOX].tobytes() == prim_refs[0][prims][:, BOX].tobytes()
-    # Equal codes keep their order, and equal boxes have equal codes.
-    assert (np.diff(prims)[np.diff(codes) == 0] > 0).all()
-    of_box = {}
-    assert all(of_box.setdefault(row[BOX].tobytes(), code) == code for row, code in zip(result, codes, strict=True))
 
 
 def expected_cuts(codes, begin, end):

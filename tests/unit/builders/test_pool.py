@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -41,11 +39,6 @@ def list_names(arrays):
 
 def total(arrays, name):
     return float(arrays[name].sum())
-
-
-def sleep_and_tell(arrays, seconds):
-    time.sleep(seconds)
-    return os.getpid(), threading.get_ident()
 
 
 def fail(arrays, word):
@@ -109,60 +102,20 @@ def test_a_step_sees_and_changes_the_arrays(executor):
     assert executor.map(list_names, [()]) == [["created"]]
 
 
-def test_all_workers_take_part_and_a_free_one_takes_the_next_task(executor):
-    executor.map(sleep_and_tell, [(0.1,)] * 2)  # every process has imported this module
-    who = executor.map(sleep_and_tell, [(0.5,), (0,), (0,), (0,), (0,)])
-    assert len(set(who)) == executor.workers
-    assert executor.workers == 1 or who.count(who[0]) == 1
-    # A step runs once in every process.
-    processes = [process for process, _ in executor.run_on_each(sleep_and_tell, 0)]
-    is_threaded = isinstance(executor, ThreadExecutor)
-    assert processes == [os.getpid()] if is_threaded else os.getpid() not in processes and len(processes) == 2
-
-
-@pytest.fixture(params=[True, False], ids=["anonymous", "file"])
-def empty(request, monkeypatch, tmp_path):
-    """No file may be left open, and none behind; with files as on systems that have no anonymous ones, too."""
-    monkeypatch.setattr(shared_memory.tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(shared_memory, "_HAS_ANONYMOUS_FILES", request.param)
-    gc.collect()  # what earlier tests left to the collector is not to be closed in between
-    open_before, shared_before = count_open_files(), set(Path("/dev/shm").iterdir())
-    yield
-    assert count_open_files() <= open_before
-    assert list(tmp_path.iterdir()) == []
-    assert set(Path("/dev/shm").iterdir()) <= shared_before
-
-
-def test_who_attaches_writes_to_the_same_memory_and_an_array_outlives_its_file(empty):
-    shared = SharedArray((1000, 8), np.float32)
-    other = shared.handle.attach()
-    shared.array[17], other[18] = 5, 6
-    assert (other[17].tolist(), shared.array[18].tolist()) == ([5] * 8, [6] * 8)
-    shared.close()
-    assert (shared.array[18] == 6).all()
-    with pytest.raises(OSError, match="No such file"):
-        shared.handle.attach()
-    again = SharedArray((1000, 8), np.float32)
-    again.close()
-    assert again.handle != shared.handle
-
-
-def test_too_little_memory_is_refused_and_leaves_no_file(empty, monkeypatch):
-    with pytest.raises(PoolError, match=r"needs 1,000,000,000 MB .* or build without a pool"):
-        SharedArray((10**15,), "u1")
-
-    def refuse(handle):
-        raise MemoryError
-
-    monkeypatch.setattr(shared_memory.ArrayHandle, "attach", refuse)
-    with pytest.raises(MemoryError):
-        SharedArray((1000,), "u1")
-
-
-def test_a_small_dev_shm_does_not_matter():
+def test_shared_memory_is_not_in_dev_shm_and_too_little_of_it_is_refused(monkeypatch, tmp_path):
     shared = SharedArray((1000,), "u1")
     assert "memfd" in os.readlink(shared.handle.path)  # noqa: PTH115 - the link's text
     shared.close()
+    with pytest.raises(PoolError, match=r"needs 1,000,000,000 MB .* or build without a pool"):
+        SharedArray((10**15,), "u1")
+    # As on systems without anonymous files.
+    monkeypatch.setattr(shared_memory, "_HAS_ANONYMOUS_FILES", False)
+    monkeypatch.setattr(shared_memory.tempfile, "tempdir", str(tmp_path))
+    shared = SharedArray((1000,), "u1")
+    shared.handle.attach()[17] = 5
+    assert shared.array[17] == 5
+    shared.close()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_pool_serves_many_builds_and_leaves_no_file_open(pool):
