@@ -133,6 +133,15 @@ def test_the_filmic_curve_is_that_of_its_source():
         assert np.abs(255 * encoded - picture.rgb).max() < 0.51
 
 
+def test_a_room_is_lit_from_the_eye():
+    cube = clbvh.make_shape("cube", triangles=12)
+    eye = cube.vertices.mean(axis=0)
+    with Renderer(cube, eye=eye, look_at=eye - [0, 0, 1], width=32, height=24, ground=False) as renderer:
+        assert renderer.render().rgb.mean() > 150
+        # A light that was asked for stays outside.
+        assert renderer.render(light_direction=(0, 1, 0)).rgb.mean() < 140
+
+
 TEXEL = (190, 90, 220)
 BEND = 2 * np.array(TEXEL) / 255 - 1
 MAP = clbvh.Texture("tilt", np.tile(np.uint8(TEXEL), (2, 2, 1)), is_srgb=False)
