@@ -45,19 +45,9 @@ def fuzz(
     file_limit_s: float = FILE_LIMIT_S,
     outcome: Outcome | None = None,
 ) -> Outcome:
-    """Let each reader read `count` damaged files.
+    """Let each reader read `count` damaged files, which follow from the seed one by one, whatever `count` is.
 
-    Parameters
-    ----------
-    seed : int
-        The same seed gives the same files, one by one, whatever `count` is.
-    count : int
-    readers : sequence of str
-        Names of `readers.READERS`.
-    file_limit_s : float, optional
-        Seconds that one file may take.
-    outcome : Outcome, optional
-        Results so far, to which these are added.
+    The results are added to those in `outcome`.
     """
     outcome = outcome or Outcome()
     begin = 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from random import Random
 from typing import Any
@@ -18,70 +18,19 @@ _MAX_PART = 200  # bytes that are cut out, repeated or moved at once
 _MAX_COPIES = 40
 
 _NUMBER = re.compile(rb"[-+]?[0-9]+(?:\.[0-9]*)?(?:[eE][-+]?[0-9]+)?")
-_NUMBERS = [
-    *(b"0", b"-0", b"-1", b"1", b"2", b"3", b"4", b"255", b"256", b"65536", b"1e9", b"100000000", b"0.5"),
-    *(b"2147483647", b"2147483648", b"-2147483649", b"4294967296", b"9223372036854775807", b"-9223372036854775809"),
-    *(b"1e38", b"-3.5e38", b"1e308", b"-1e308", b"1e-400", b"1e400", b"nan", b"NaN", b"inf", b"-inf", b"-Infinity"),
-    *(b"9" * 30, b"9" * 400, b"9" * 5000, b"[" * 3000, b"0x7fffffff", b"1_000", b"1.5.2", b"--1", b"+", b"true", b""),
-]
-_WORDS = [
-    *(
-        b"\\\n",
-        b"\\\r\n",
-        b"#",
-        b"# \\\n",
-        b"\n",
-        b"\r",
-        b"\r\n",
-        b" ",
-        b"\t",
-        b"\0",
-        b"\xff",
-        b"\xef\xbb\xbf",
-        b"\xc2\x85",
-    ),
-    *(
-        b"v",
-        b"v ",
-        b"f ",
-        b"f",
-        b"\nv\n",
-        b"\nf\n",
-        b"vn ",
-        b"/",
-        b"//",
-        b"solid ",
-        b"endsolid",
-        b"facet normal ",
-        b"vertex ",
-    ),
-    *(
-        b"endfacet",
-        b"OFF",
-        b"COFF",
-        b"ply\n",
-        b"end_header\n",
-        b"element face 5\n",
-        b"property list uchar int x\n",
-        b"list",
-    ),
-    *(
-        b"{",
-        b"}",
-        b"[",
-        b"]",
-        b"[" * 3000,
-        b"{" * 3000,
-        b'"',
-        b"'",
-        b"=",
-        b",",
-        b":",
-        b"null",
-        b"[[object]]\n",
-        b"[view]\n",
-    ),
-]
+_NUMBERS = (
+    b"0 -0 -1 1 2 3 4 255 256 65536 1e9 100000000 0.5 2147483647 2147483648 -2147483649 4294967296 "
+    b"9223372036854775807 -9223372036854775809 1e38 -3.5e38 1e308 -1e308 1e-400 1e400 nan NaN inf -inf -Infinity "
+    b"0x7fffffff 1_000 1.5.2 --1 + true"
+).split()
+_NUMBERS += [b"9" * 30, b"9" * 400, b"9" * 5000, b"[" * 3000, b""]
+_WORDS = (
+    rb"""v f v_ f_ vn_ / // solid_ endsolid facet_normal_ vertex_ endfacet OFF COFF list # { } [ ] " ' = , : null"""
+)
+_WORDS = [word.replace(b"_", b" ") for word in _WORDS.split()]
+_WORDS += [b"ply\n", b"end_header\n", b"element face 5\n", b"property list uchar int x\n", b"[[object]]\n", b"[view]\n"]
+_WORDS += [b"\\\n", b"\\\r\n", b"# \\\n", b"\n", b"\r", b"\r\n", b" ", b"\t", b"\0", b"\xff", b"\xef\xbb\xbf"]
+_WORDS += [b"\xc2\x85", b"\nv\n", b"\nf\n", b"[" * 3000, b"{" * 3000]
 _INTEGERS = [0, 1, 2, 3, 4, 7, 8, 127, 128, 255, 256, 32767, 65535, 65536, 2**24, 2**31 - 1, 2**31, 2**32 - 1]
 _INTEGERS += [2**63 - 1, 2**63, 2**64 - 1]
 _FLOATS = [0.0, -1.0, 1e-45, 3.4e38, -3.4e38, 1e39, 1.7e308, float("inf"), float("-inf"), float("nan")]
@@ -91,17 +40,8 @@ _VALUES: list[Any] = [
     *(5120, 5121, 5122, 5123, 5125, 5126, "SCALAR", "VEC3", "MAT4", [1e300] * 3, [0] * 4, [1e30] * 16),
 ]
 _KEYS = ["mesh", "children", "matrix", "rotation", "scale", "translation", "sparse", "indices", "mode", "byteStride"]
-_KEYS += [
-    "byteOffset",
-    "normalized",
-    "bufferView",
-    "count",
-    "uri",
-    "buffer",
-    "extensions",
-    "extensionsRequired",
-    "scene",
-]
+_KEYS += ["byteOffset", "normalized", "bufferView", "count", "uri", "buffer", "extensions", "extensionsRequired"]
+_KEYS += ["scene"]
 
 
 def mutate(content: bytes, generator: Random, donors: Sequence[bytes]) -> bytes:
@@ -117,8 +57,7 @@ def mutate_json(document: Any, generator: Random) -> Any:
         places = list(_list_places(document))
         if not places:
             return document
-        holder, key = generator.choice(places)
-        _change_value(holder, key, generator)
+        _change_value(*generator.choice(places), generator)
     return document
 
 
@@ -127,8 +66,7 @@ def _list_places(value: Any) -> Any:
     stack = [value]
     while stack:
         holder = stack.pop()
-        keys = holder.keys() if isinstance(holder, dict) else range(len(holder))
-        for key in keys:
+        for key in holder.keys() if isinstance(holder, dict) else range(len(holder)):
             yield holder, key
             if isinstance(holder[key], dict | list):
                 stack.append(holder[key])
@@ -156,43 +94,43 @@ def _cut(content: bytes, generator: Random) -> tuple[int, int]:
     return begin, min(len(content), begin + generator.randint(0, _MAX_PART))
 
 
-def _flip_bits(content: bytes, generator: Random, _: Sequence[bytes]) -> bytes:
+def _flip_bits(content, generator, donors):
     flipped = bytearray(content)
-    for _number in range(generator.randint(1, _MAX_BITS) if content else 0):
+    for _ in range(generator.randint(1, _MAX_BITS) if content else 0):
         flipped[generator.randrange(len(flipped))] ^= 1 << generator.randrange(8)
     return bytes(flipped)
 
 
-def _truncate(content: bytes, generator: Random, _: Sequence[bytes]) -> bytes:
+def _truncate(content, generator, donors):
     return content[: generator.randint(0, len(content))]
 
 
-def _remove_part(content: bytes, generator: Random, _: Sequence[bytes]) -> bytes:
+def _remove_part(content, generator, donors):
     begin, end = _cut(content, generator)
     return content[:begin] + content[end:]
 
 
-def _repeat_part(content: bytes, generator: Random, _: Sequence[bytes]) -> bytes:
+def _repeat_part(content, generator, donors):
     begin, end = _cut(content, generator)
     copies = generator.choice((1, 1, 2, generator.randint(1, _MAX_COPIES)))
     return content[:end] + copies * content[begin:end] + content[end:]
 
 
-def _move_part(content: bytes, generator: Random, donors: Sequence[bytes]) -> bytes:
+def _move_part(content, generator, donors):
     begin, end = _cut(content, generator)
     rest = content[:begin] + content[end:]
     at = generator.randint(0, len(rest))
     return rest[:at] + content[begin:end] + rest[at:]
 
 
-def _splice(content: bytes, generator: Random, donors: Sequence[bytes]) -> bytes:
+def _splice(content, generator, donors):
     donor = generator.choice(donors)
     begin, end = _cut(donor, generator)
     at, behind = _cut(content, generator)
     return content[:at] + donor[begin:end] + content[generator.choice((at, behind)) :]
 
 
-def _replace_number(content: bytes, generator: Random, _: Sequence[bytes]) -> bytes:
+def _replace_number(content, generator, donors):
     """Replace a decimal number of a text; one of the first ten half of the time, where headers have their counts."""
     numbers = list(_NUMBER.finditer(content, 0, MAX_BYTES))
     if not numbers:
@@ -201,27 +139,27 @@ def _replace_number(content: bytes, generator: Random, _: Sequence[bytes]) -> by
     return content[: number.start()] + generator.choice(_NUMBERS) + content[number.end() :]
 
 
-def _replace_word(content: bytes, generator: Random, _: Sequence[bytes]) -> bytes:
+def _replace_word(content, generator, donors):
     """Overwrite a binary number, mostly a whole one, mostly at a multiple of its size."""
     order = generator.choice("<<<>")
     if generator.random() < 0.7:
-        code = generator.choice("BHIQ")
-        word = struct.pack(order + code, generator.choice(_INTEGERS) % (1 << 8 * struct.calcsize(order + code)))
+        code = order + generator.choice("BHIQ")
+        word = struct.pack(code, generator.choice(_INTEGERS) % (1 << 8 * struct.calcsize(code)))
     else:
         value = generator.choice(_FLOATS)
-        word = struct.pack(order + "f", value) if abs(value) < 3.41e38 else struct.pack(order + "d", value)
+        word = struct.pack(order + ("f" if abs(value) < 3.41e38 else "d"), value)
     at = generator.randrange(len(content) + 1)
     at -= at % len(word) if generator.random() < 0.7 else 0
     return content[:at] + word + content[at + len(word) :]
 
 
-def _insert_word(content: bytes, generator: Random, _: Sequence[bytes]) -> bytes:
+def _insert_word(content, generator, donors):
     at = generator.randint(0, len(content))
     word = generator.choice(_WORDS) if generator.random() < 0.8 else generator.randbytes(generator.randint(1, 8))
     return content[:at] + word + content[at:]
 
 
-def _change_lines(content: bytes, generator: Random, _: Sequence[bytes]) -> bytes:
+def _change_lines(content, generator, donors):
     lines = content.splitlines(keepends=True)
     if not lines:
         return content
@@ -239,7 +177,7 @@ def _change_lines(content: bytes, generator: Random, _: Sequence[bytes]) -> byte
     return b"".join(lines)
 
 
-_MUTATIONS: list[Callable[[bytes, Random, Sequence[bytes]], bytes]] = [
+_MUTATIONS = [
     *(_flip_bits, _truncate, _remove_part, _repeat_part, _move_part, _splice, _replace_number, _replace_number),
     *(_replace_word, _replace_word, _insert_word, _change_lines),
 ]

@@ -41,21 +41,11 @@ _DIGEST_BYTES = 16
 
 @dataclass(frozen=True)
 class Reader:
-    """One reader of files.
+    """One reader of files; `read` gets a folder of its own. What it raises is a failure."""
 
-    Attributes
-    ----------
-    originals : list of bytes
-        Valid files.
-    make : function
-        Returns a damaged file by a generator of random numbers.
-    read : function
-        Reads a file in a folder of its own; returns whether it was accepted. Whatever it raises is a failure.
-    """
-
-    originals: Sequence[bytes]
-    make: Callable[[Random], bytes]
-    read: Callable[[bytes, Path], bool]
+    originals: Sequence[bytes]  # valid files
+    make: Callable[[Random], bytes]  # a damaged file
+    read: Callable[[bytes, Path], bool]  # whether it was accepted
 
 
 def accepts(read: Callable[[], object]) -> bool:
@@ -76,9 +66,6 @@ def _check_mesh(mesh: Mesh) -> None:
     assert np.isfinite(mesh.vertices).all()
     assert np.isfinite(mesh.origin).all()
     assert 0 <= mesh.faces.min() <= mesh.faces.max() < len(mesh.vertices)
-
-
-# --- Meshes ----------------------------------------------------------------------------------------------------------
 
 
 def _read_mesh(content: bytes, folder: Path, suffix: str) -> bool:
@@ -120,9 +107,6 @@ def _gltf_reader(*, is_glb: bool) -> Reader:
         return _pack(document, buffer, is_glb=is_glb)
 
     return Reader(originals, make, lambda content, folder: _read_mesh(content, folder, "glb" if is_glb else "gltf"))
-
-
-# --- Scenes ----------------------------------------------------------------------------------------------------------
 
 
 def _read_scene(content: bytes, folder: Path) -> bool:
@@ -179,9 +163,6 @@ def _spheres_reader(suffix: str, originals: Sequence[bytes]) -> Reader:
         lambda generator: mutate(generator.choice(originals), generator, originals),
         lambda content, folder: _read_spheres(content, folder, suffix),
     )
-
-
-# --- Saved trees -----------------------------------------------------------------------------------------------------
 
 
 def _tree_reader() -> Reader:

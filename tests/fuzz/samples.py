@@ -7,7 +7,7 @@ import struct
 
 import numpy as np
 
-from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh import make_shape
 
 from ..unit.geometry.gltf_files import CODES, Gltf
 
@@ -23,45 +23,41 @@ def _join(rows) -> str:
     )
 
 
-def _ply_header(kind: str, coordinate: str, extra: str, count: int) -> bytes:
-    axes = "".join(f"property {coordinate} {axis}\n" for axis in "xyz")
-    head = (
-        f"ply\nformat {kind} 1.0\ncomment by hand\nelement vertex {len(_VERTICES)}\n{axes}{extra}element face {count}\n"
-    )
-    return f"{head}property list uchar int vertex_indices\nend_header\n".encode()
+_POINTS = _join(_VERTICES.tolist())
+_COUNTED = [_join([len(face), *face] for face in faces) for faces in (_FACES.tolist(), _POLYGONS)]
 
 
 def _make_ply() -> list[bytes]:
-    triangles = _join([[3, *face] for face in _FACES.tolist()])
-    polygons = _join([[len(polygon), *polygon] for polygon in _POLYGONS])
-    text = _join(_VERTICES.tolist())
-    colours = _join([[*vertex, 200, 1] for vertex in _VERTICES.tolist()])
+    def head(kind: str, coordinate: str, extra: str, count: int) -> bytes:
+        axes = "".join(f"property {coordinate} {axis}\n" for axis in "xyz")
+        vertices = f"element vertex {len(_VERTICES)}\n{axes}{extra}element face {count}\n"
+        text = (
+            f"ply\nformat {kind} 1.0\ncomment by hand\n{vertices}property list uchar int vertex_indices\nend_header\n"
+        )
+        return text.encode()
+
+    coloured = _join([[*vertex, 200, 1] for vertex in _VERTICES.tolist()])
     binary = b"".join(struct.pack("<B3i", 3, *face) for face in _FACES.tolist())
     mixed = b"".join(struct.pack(f">B{len(p)}i", len(p), *p) for p in _POLYGONS)
     listed = b"".join(struct.pack("<3dB", *vertex, i % 3) + bytes(i % 3) for i, vertex in enumerate(_SURVEY.tolist()))
     extra = "property uchar red\nproperty char flag\n"
     return [
-        _ply_header("ascii", "float", "", 20) + (text + triangles).encode(),
-        _ply_header("ascii", "double", extra, 4) + (colours + polygons).encode(),
-        _ply_header("binary_little_endian", "float", "", 20) + _VERTICES.astype("<f4").tobytes() + binary,
-        _ply_header("binary_big_endian", "double", "", 4) + _VERTICES.astype(">f8").tobytes() + mixed,
-        _ply_header("binary_little_endian", "double", "property list uchar uchar marks\n", 20) + listed + binary,
+        head("ascii", "float", "", 20) + (_POINTS + _COUNTED[0]).encode(),
+        head("ascii", "double", extra, 4) + (coloured + _COUNTED[1]).encode(),
+        head("binary_little_endian", "float", "", 20) + _VERTICES.astype("<f4").tobytes() + binary,
+        head("binary_big_endian", "double", "", 4) + _VERTICES.astype(">f8").tobytes() + mixed,
+        head("binary_little_endian", "double", "property list uchar uchar marks\n", 20) + listed + binary,
     ]
 
 
 def _make_obj() -> list[bytes]:
-    vertices = "".join(f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in _VERTICES)
+    vertices = "".join(f"v {line}\n" for line in _POINTS.splitlines())
     faces = "".join(f"f {a} {b} {c}\n" for a, b, c in _FACES + 1)
-    polygons = "".join(
-        "f " + " ".join(f"{corner + 1}/1/{corner}" for corner in polygon) + "\n" for polygon in _POLYGONS
-    )
+    polygons = "".join("f " + " ".join(f"{at + 1}/1/{at}" for at in polygon) + "\n" for polygon in _POLYGONS)
     parts = "o one\nv 0 0 0 1 0.5 0.5\nv 1 0 0\nv 0 1 0 1\nusemtl red\nf -3 -2 \\\n -1\n"
     parts += "o two\nv 0 0 1\nf -1//1 1//1 2//2\nl 1 2\n"
-    return [
-        (vertices + faces).encode(),
-        ("# by hand\nmtllib a.mtl\nvn 0 0 1\nvt 0 0\n" + vertices + polygons).encode(),
-        parts.encode(),
-    ]
+    texts = vertices + faces, "# by hand\nmtllib a.mtl\nvn 0 0 1\nvt 0 0\n" + vertices + polygons, parts
+    return [text.encode() for text in texts]
 
 
 def _make_stl() -> list[bytes]:
@@ -69,25 +65,24 @@ def _make_stl() -> list[bytes]:
     binary = b"solid but binary".ljust(80) + struct.pack("<I", len(corners))
     binary += b"".join(struct.pack("<12fH", 0, 0, 1, *triangle.ravel(), 7) for triangle in corners)
 
-    def write(name: str, triangles: np.ndarray) -> str:
+    def write(name: str, triangles: np.ndarray) -> bytes:
         text = f"solid {name}\n"
         for triangle in triangles:
             inner = "".join(f"      vertex {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in triangle)
             text += f"  facet normal 0 0 1\n    outer loop\n{inner}    endloop\n  endfacet\n"
-        return text + f"endsolid {name}\n"
+        return f"{text}endsolid {name}\n".encode()
 
-    return [
-        binary,
-        write("ball", corners).encode(),
-        (write("a", corners[:2]) + write("b vertex", corners[2:4])).encode(),
-    ]
+    return [binary, write("ball", corners), write("a", corners[:2]) + write("b vertex", corners[2:4])]
 
 
 def _make_off() -> list[bytes]:
-    vertices, faces = _join(_VERTICES.tolist()), _join([[3, *face] for face in _FACES.tolist()])
-    polygons = _join([[len(polygon), *polygon, 0.5, 0.5, 0.5] for polygon in _POLYGONS])
-    colours = _join([[*vertex, 200, 100, 0, 255] for vertex in _VERTICES.tolist()])
-    return [f"OFF\n12 20 0\n{vertices}{faces}".encode(), f"# by hand\nCOFF 12 4 0\n{colours}\n{polygons}".encode()]
+    coloured = [_join([*row, *colour] for row in rows) for rows, colour in (
+        (_VERTICES.tolist(), [200, 100, 0, 255]), ([[len(p), *p] for p in _POLYGONS], [0.5, 0.5, 0.5]),
+    )]  # fmt: skip
+    return [
+        f"OFF\n12 20 0\n{_POINTS}{_COUNTED[0]}".encode(),
+        "# by hand\nCOFF 12 4 0\n{}\n{}".format(*coloured).encode(),
+    ]
 
 
 def make_gltf_documents() -> list[Gltf]:
@@ -115,16 +110,14 @@ def make_gltf_documents() -> list[Gltf]:
     indices = packed.add_accessor(_FACES.ravel(), "u1")
     primitive = {"attributes": {"POSITION": positions}, "indices": indices, "mode": 4}
     packed.add_node(mesh=packed.add_mesh(primitive, primitive))
-    rows = np.column_stack((_VERTICES, _VERTICES)).astype("<f4")
-    view = packed.add_view(rows.tobytes(), byteStride=24)
+    view = packed.add_view(np.column_stack((_VERTICES, _VERTICES)).astype("<f4").tobytes(), byteStride=24)
     accessor = {"bufferView": view, "byteOffset": 12, "componentType": CODES["f4"], "count": 12, "type": "VEC3"}
     packed.document["accessors"].append(accessor)
     packed.add_node(mesh=packed.add_mesh({"attributes": {"POSITION": 2}}))
     return [plain, graph, packed]
 
 
-def _make_scenes() -> list[bytes]:
-    whole = """[[object]]
+_WHOLE_SCENE = """[[object]]
 shape = "knot"
 triangles = 1000
 seed = 3
@@ -144,17 +137,12 @@ height = 32
 shading = "lambert"
 surface = [1, 0, 0]
 background = [[0, 0, 0], [1, 1, 1]]
-
-[view.light]
-direction = [1, 1, 0]
-colour = [1, 1, 1]
-sky = [0.1, 0.2, 0.3]
-ground = [0, 0, 0]
+light = {direction = [1, 1, 0], colour = [1, 1, 1], sky = [0.1, 0.2, 0.3], ground = [0, 0, 0]}
 
 [view.wireframe]
 width = 2
 """
-    objects = """[[object]]
+_OBJECTS = """[[object]]
 label = "ground"
 shape = "terrain"
 triangles = 200
@@ -191,12 +179,7 @@ rotate = [0, 90, 0]
 up = "z"
 projection = "fisheye:220"
 """
-    shapes = ("terrain", "blobs", "boxes", "icosphere", "palace")
-    return [
-        whole.encode(),
-        objects.encode(),
-        *(f'[[object]]\nshape = "{shape}"\ntriangles = 400\n'.encode() for shape in shapes),
-    ]
+_SHAPES = ("terrain", "blobs", "boxes", "icosphere", "palace")
 
 
 def _make_spheres_archives() -> list[bytes]:
@@ -214,5 +197,6 @@ def _make_spheres_tables() -> list[bytes]:
 
 
 MESH_FILES = {"ply": _make_ply(), "obj": _make_obj(), "stl": _make_stl(), "off": _make_off()}
-SCENE_FILES = _make_scenes()
+_SHAPE_SCENES = [f'[[object]]\nshape = "{shape}"\ntriangles = 400\n' for shape in _SHAPES]
+SCENE_FILES = [text.encode() for text in (_WHOLE_SCENE, _OBJECTS, *_SHAPE_SCENES)]
 SPHERES_FILES = {"npz": _make_spheres_archives(), "csv": _make_spheres_tables()}
