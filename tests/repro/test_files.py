@@ -48,9 +48,7 @@ def test_obj_lines_took_a_vertex_or_the_next_line_away(write):
         "\ufeff" + VERTICES + "f 1 2 3\nf 2 3 4\n",
         VERTICES.replace("v 1", "# C:\\parts\\\nv 1") + "f 1 2 3\nf 2 3 4\n",
         VERTICES.replace("v 1", "v 1 0 0 # moved to \\\r\n#v 1") + "f 1 2 3\nf 2 3 4\n",
-        VERTICES + "f 1 2 3 # from C:\\\nf 2 3 4",
         VERTICES.replace("\n", "\r\n") + "f 1 2 \\ \r\n 3\r\nf 2 3 4",
-        VERTICES.replace("\n", "\r") + "f 1 2 3\rf 2 3 4",
         VERTICES.replace("v 1 0 0", "v \\\n 1 \\\n 0 0 0.5 0.5 0.5") + "f 1// 2//7 3/7\nf\t-3 -2 -1",
         VERTICES + "o one\nf 1 2 3\nvp 1 2 3\nvn 1 0 0\nvt 1 0\ng two#2\ns off\nfx 1\nl 1 2\np 1\nf +2 3 04",
     ):

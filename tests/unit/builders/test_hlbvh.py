@@ -27,7 +27,7 @@ from .reference import cost_of, make_prim_refs
 def find_cells(mesh, axis_bits):
     bounds = np.empty((2, BOX_LANES), np.float32)
     bound_points(mesh.local_vertices, 0, len(mesh.local_vertices), bounds)
-    cells, counts = np.empty(mesh.face_count, np.uint16), np.zeros(1 << 3 * axis_bits, np.int32)
+    cells, counts = np.empty(mesh.face_count, np.uint16), np.zeros(1 << 15, np.int32)
     whole = PrimSlice(mesh.local_vertices, mesh.faces, 0, mesh.face_count)
     count_cells(whole, make_grid(bounds, 1, axis_bits), cells, counts)
     return cells, counts

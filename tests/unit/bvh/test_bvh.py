@@ -51,29 +51,20 @@ def test_a_broken_link_is_found():
     for node, field, value, message in [
         (3, "count", -1, "node 3 has a negative count"),
         (2, "first", 2, "interior node 2 does not have both its children"),
-        (2, "first", 1, "interior node 2 does not have both its children behind it"),
-        (0, "first", -1, "interior node 0 does not have both its children"),
         (2, "first", 4, "interior node 2 does not have both its children behind it, inside"),
         (0, "first", 2**31 - 1, "interior node 0 "),
         (0, "first", 3, "node 1 is not reached exactly once"),
-        (0, "first", 2, "node 1 is not reached exactly once"),
-        (2, "count", 1, "node 3 is not reached exactly once"),
-        (3, "count", 0, "interior node 3 "),
         (1, "first", -1, "leaf 1 lists primitives outside the mesh"),
         (4, "first", 4, "leaf 4 lists primitives outside the mesh"),
-        (4, "first", 2**31 - 1, "leaf 4 lists primitives outside the mesh"),
-        (4, "count", 2, "leaf 4 lists primitives outside the mesh"),
         (4, "count", 2**31 - 1, "leaf 4 lists primitives outside the mesh"),
         (1, "count", 1, "prim_ids[1] lies in 0 leaves (none)"),
         (1, "count", 3, "prim_ids[2] lies in 2 leaves (1, 3)"),
-        (4, "first", 2, "prim_ids[2] lies in 2 leaves (3, 4)"),
     ]:
         bvh = make_tree()
         bvh.nodes[field][node] = value
         assert message in refusal(bvh)
     for prim_ids, message in [
         ([0, 2, 3, 2], "triangle 2 is listed 2 times instead of once, in leaves 1, 4"),
-        ([2, 2, 3, 1], "triangle 2 is listed 2 times instead of once, in leaves 1, 1"),
         ([0, 2, -1, 1], "leaf 3 lists triangle -1, which the mesh does not have"),
         ([0, 2, 3, 4], "leaf 4 lists triangle 4, which the mesh does not have"),
         ([0, 2, 1, 3], "the box of node 3 is not"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import subprocess
 import sys
 
 import numpy as np
@@ -12,7 +11,6 @@ import pytest
 
 from clbvh import BuildOptions, Mesh, build
 from clbvh.builders.ladder.variants import VARIANTS
-from clbvh.study import machine
 from clbvh.study.engines import ENGINES, Engine, EngineError, Rival, open_engine
 from clbvh.study.experiments.peers import QUERIES
 from clbvh.study.ladder_work import count_ladder_work
@@ -87,10 +85,6 @@ echo "# started on some day" >&2
 echo "$((1000 + 500 * builds)),,instructions:u,1,100.00,," >&2
 echo "$((10 + 7 * builds)),,cache-misses,1,100.00,," >&2
 """
-BLIND = """#!/bin/sh
-echo "<not supported>,,instructions,0,100.00,," >&2
-echo "12,,cache-misses,1,100.00,," >&2
-"""
 FAILING = "#!/bin/sh\necho 'no permission' >&2\nexit 1\n"
 
 
@@ -114,19 +108,12 @@ def test_perf_is_read_and_its_absence_is_said(install, monkeypatch, tmp_path):
     install(COUNTING)
     assert find_counter_problem() == ""
     assert count_build("knot-1000", "flat") == {"instructions": 500, "cache_misses": 7}  # without Python's start
-    install(BLIND)
-    assert find_counter_problem() == "perf does not count instructions on this machine"
     install(FAILING)
     with pytest.raises(NotMeasuredError, match="perf stat fails"):
         count_build("knot-1000", "flat")
     find_counter_problem.cache_clear()
     monkeypatch.setenv("PATH", str(tmp_path / "gone"))
     assert find_counter_problem() == "perf is not installed"
-
-
-def test_the_counted_process_builds():
-    command = [sys.executable, "-c", machine._BUILD, "knot-1000", "flat", "1"]
-    subprocess.run(command, check=True, timeout=120)
 
 
 def test_the_work_of_two_triangles_by_hand():
@@ -146,17 +133,11 @@ def test_the_work_of_two_triangles_by_hand():
     assert (binned.comparisons, binned.bin_lookups, binned.allocations, binned.boxes) == (0, 4, 0, 2)
 
 
-def test_each_variant_does_the_work_that_its_name_says(mesh):
+def test_variants_save_what_their_names_say(mesh):
     works = {name: count_ladder_work(mesh, name) for name in VARIANTS}
     assert works["sequential"] == works["naive"]
-    assert works["range"].comparisons == works["cached"].comparisons == works["naive"].comparisons
-    assert works["bin"].bin_lookups == works["flat"].bin_lookups == works["atomic"].bin_lookups
     for name, variant in VARIANTS.items():
         assert (works[name].boxes == mesh.face_count) == variant.cached
-    assert works["range"].allocations < works["naive"].allocations
-    assert works["median"].comparisons < works["cached"].comparisons < 1.5 * mesh.face_count * 11**2
-    assert works["median"].moves < works["cached"].moves
-    assert works["frontier"].bin_lookups < works["flat"].bin_lookups
-    for name, factor, less in (("sequential", 2, 1), ("bin", 1, 0), ("flat", 0, 0)):
-        assert works[name].allocations == factor * build(mesh, builder=name).node_count - less
-    assert works["flat"] == count_ladder_work(mesh, "flat", BuildOptions(bins=8))
+    assert works["median"].comparisons < works["cached"].comparisons == works["range"].comparisons
+    assert works["frontier"].bin_lookups < works["flat"].bin_lookups == works["bin"].bin_lookups
+    assert works["bin"].allocations == build(mesh, builder="bin").node_count

@@ -107,13 +107,10 @@ def test_text_is_escaped_and_pictures_and_figures_are_inside():
 
 def test_figures_show_their_names_and_are_the_same_each_time():
     points = [("ours", 1, QUIET), ("ours", 2, NOISY), ("none", 1, None), (REPORT, 1, 1.0), (REPORT, 2, 2.0)]
-    curves = points, Axis("speed-up"), Axis("workers", is_log=True, ticks=(1, 2))
-    bars = [("ours", "A & B", QUIET), ("ours", "C", NOISY)], Axis("ms", is_log=True)
-    for figure, labels in ((curves, ("workers", "speed-up", "ours", REPORT)), (bars, ("A &amp; B", "C", "ms"))):
-        drawn = draw_figure(*figure)
-        assert drawn == draw_figure(*figure)
-        for label in labels:
-            assert f">{label}<" in drawn.decode()
+    figure = points, Axis("speed-up"), Axis("A & B", is_log=True, ticks=(1, 2))
+    assert draw_figure(*figure) == draw_figure(*figure)
+    for label in ("A &amp; B", "speed-up", "ours", REPORT):
+        assert f">{label}<" in draw_figure(*figure).decode()
 
 
 def test_markdown_has_medians_texts_and_links_to_figures():

@@ -10,11 +10,11 @@ import pytest
 
 from clbvh.errors import PoolError
 from clbvh.study.experiment import Experiment
-from clbvh.study.machine import Machine, describe_machine, find_version, keep_machine, read_machines
+from clbvh.study.machine import Machine, keep_machine, read_machines
 from clbvh.study.run import group_cases, sample_group
 from clbvh.study.samples import FILE_NAME, NotMeasuredError, Sample, SampleFile
 from clbvh.study.scale import Scale
-from clbvh.study.statistics import NOISY_SPREAD, Summary, amdahl_speedup, fit_amdahl, growth_exponent, lane_use
+from clbvh.study.statistics import NOISY_SPREAD, Summary, fit_amdahl, growth_exponent, lane_use
 
 SCALE = Scale("test", rounds=3, least_rounds=3, group_s=60, idle_gap_s=0)
 CASE = {"mesh": "knot-1000", "workers": 2}
@@ -93,8 +93,6 @@ def test_a_case_that_fails_does_not_stop_the_others(tmp_path, error):
     (failure,) = take(experiment, tmp_path).failures("madeup")
     assert (failure["case"]["name"], failure["reason"]) == ("two", str(error) or "MemoryError")
     assert experiment.names == ["two", "one", "one", "one", "one"]
-    with pytest.raises(ZeroDivisionError):  # an error of ours
-        take(MadeUp(fails_at=1, error=ZeroDivisionError), tmp_path / "ours")
 
 
 def test_samples_are_kept_one_by_one_and_told_apart_by_their_machine(tmp_path):
@@ -118,18 +116,6 @@ def test_samples_are_kept_one_by_one_and_told_apart_by_their_machine(tmp_path):
     assert values == [1.5, 3.0]
 
 
-def test_failures_are_forgotten_when_a_case_is_measured_and_done_groups_are_known(tmp_path):
-    samples = SampleFile(tmp_path, "here")
-    for case, reason in ((CASE, "no memory"), ({"mesh": "drill"}, "first"), ({"mesh": "drill"}, "second")):
-        samples.add_failure("ladder", case, reason)
-    samples.add_sample("ladder", CASE, 0, Sample({"build_ms": 1.5}))
-    assert [record["reason"] for record in samples.failures("ladder")] == ["second"]
-    samples.add_done("ladder", "bunny", "quick")
-    again = SampleFile(tmp_path, "here")
-    done = [again.is_done("ladder", *group) for group in (("bunny", "quick"), ("bunny", "full"), ("dragon", "quick"))]
-    assert done == [True, False, False]
-
-
 def test_changes_of_the_machine_are_named(tmp_path):
     before, after = (
         Machine({"cores": "2", "numpy": "1"}, None),
@@ -142,37 +128,23 @@ def test_changes_of_the_machine_are_named(tmp_path):
     assert list(read_machines(tmp_path)) == [after.digest, before.digest]
 
 
-@pytest.mark.usefixtures("_opened_device")
-def test_facts_of_this_machine():
-    machine = describe_machine()
-    assert machine.facts["numpy"] == np.__version__
-    assert machine.facts["device kind"] == machine.device.kind
-    assert int(machine.facts["cores"]) >= 1
-    assert describe_machine().digest == machine.digest
-    assert find_version("no-such-package-of-ours") is None
-
-
 def test_summaries_have_median_range_and_noise():
     summary = Summary.of([4.0, 1.0, 3.0])
     assert (summary.median, summary.low, summary.high, summary.count, summary.spread) == (3, 1, 4, 3, 1)
     assert (summary.scaled(1e3).low, summary.scaled(1e3).spread) == (1e3, 1)
     rate = Summary.of([2.0, 4.0, 5.0]).rate(20)
     assert (rate.median, rate.low, rate.high) == (5, 4, 10)
-    assert math.isnan(Summary.of([]).scaled(2).rate(3).median)
     assert [Summary.of([1.0, 1.0, 1 + factor * NOISY_SPREAD]).is_noisy for factor in (0.9, 1.1)] == [False, True]
 
 
 def test_amdahls_law_and_the_growth_find_the_numbers_they_were_made_with():
-    for serial in (0.0, 0.1, 0.5, 1.0):
-        times = {workers: 50 * (serial + (1 - serial) / workers) for workers in (1, 2, 4, 8)}
+    for serial in (0.0, 0.1, 1.0):
+        times = {workers: 50 * (serial + (1 - serial) / workers) for workers in (1, 2, 8)}
         assert fit_amdahl(times) == pytest.approx(serial)
-        assert amdahl_speedup(serial, 8) == pytest.approx(times[1] / times[8])
-    assert [fit_amdahl({1: 1.0, 2: last}) for last in (0.1, 5.0)] == [0, 1]
-    assert all(math.isnan(fit_amdahl(times)) for times in ({}, {1: 3.0}, {2: 3.0, 4: 2.0}))
-    sizes = [10, 100, 1000]
     for power in (0.0, 0.5, 2.0):
-        assert growth_exponent(sizes, [7 * size**power for size in sizes]) == pytest.approx(power, abs=1e-9)
-    assert math.isnan(growth_exponent([10, 10], [1, 2]))
+        values = [7 * size**power for size in (10, 100, 1000)]
+        assert growth_exponent([10, 100, 1000], values) == pytest.approx(power, abs=1e-9)
+    assert math.isnan(fit_amdahl({2: 3.0, 4: 2.0}))
 
 
 def test_lane_use_is_mean_over_maximum_of_each_group():
