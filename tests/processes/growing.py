@@ -11,6 +11,7 @@ import json
 import os
 import sys
 import tempfile
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ import clbvh
 
 _OWN = Path("/proc/self")
 _PAGES_PER_MIB = 2**20 / os.sysconf("SC_PAGE_SIZE")
+_SMALL = {"width": 32, "height": 32}
 
 
 class Work:
@@ -28,62 +30,56 @@ class Work:
         self.mesh = clbvh.make_shape("knot", triangles=1800)
         self.bvh = clbvh.build(self.mesh)
         self.rays = np.random.default_rng(0).normal(size=(2, 10, 3))
-        self.scene = clbvh.make_shape("icosphere", triangles=80)
-        self.objects = clbvh.Scene()
-        self.object = self.objects.add(self.mesh)
+        self.ball = clbvh.make_shape("icosphere", triangles=80)
+        self.objects = clbvh.Scene(self.mesh)
         self.places = np.tile(np.eye(4), (100, 1, 1))
         self.places[:, 0, 3] = np.arange(100)
-        self.objects.place_many(self.object, self.places)
-        self.tracer = None
-        self.moving = None
-        self.renderer = None
+        self.objects.place_many(self.objects.geometries[0], self.places[1:])
+
+    @cached_property
+    def tracer(self):
+        return clbvh.Tracer(self.bvh)
+
+    @cached_property
+    def moving(self):
+        return clbvh.Tracer(self.objects)
+
+    @cached_property
+    def renderer(self):
+        return clbvh.Renderer(self.ball, **_SMALL)
 
     def tracers(self):
-        """Open a tracer, ask it, and close it."""
         with clbvh.Tracer(self.bvh) as tracer:
             tracer.closest_hit(*self.rays)
             tracer.all_hits(*self.rays)
 
     def unclosed_tracers(self):
-        """Open a tracer, ask it, and forget it."""
         clbvh.Tracer(self.bvh).closest_hit(*self.rays)
 
     def builds(self):
-        """Build a tree in this process."""
         clbvh.build(self.mesh)
 
     def queries(self):
-        """Ask one tracer."""
-        self.tracer = self.tracer or clbvh.Tracer(self.bvh)
         self.tracer.closest_hit(*self.rays)
 
     def moves(self):
-        """Move the instances of a scene, and ask its tracer."""
-        self.moving = self.moving or clbvh.Tracer(self.objects)
         self.moving.set_transforms(self.objects.instances, self.places)
         self.moving.closest_hit(*self.rays)
 
     def deformations(self):
-        """Move the vertices of a geometry of a scene, and ask its tracer."""
-        self.moving = self.moving or clbvh.Tracer(self.objects)
-        self.moving.set_vertices(self.object, self.mesh.vertices)
+        self.moving.set_vertices(self.objects.geometries[0], self.mesh.vertices)
         self.moving.closest_hit(*self.rays)
 
     def pictures(self):
-        """Render a picture."""
-        clbvh.render(self.scene, width=32, height=32)
+        clbvh.render(self.ball, **_SMALL)
 
     def frames(self):
-        """Render a picture with a renderer that stays."""
-        self.renderer = self.renderer or clbvh.Renderer(self.scene, width=32, height=32)
         self.renderer.render(width=16)
 
-    def renderers(self):
-        """Open a renderer, render, and forget it."""
-        clbvh.Renderer(self.scene, width=32, height=32).render()
+    def unclosed_renderers(self):
+        clbvh.Renderer(self.ball, **_SMALL).render()
 
     def pools(self):
-        """Start workers, build, and stop them."""
         with clbvh.SubtreePool(2) as pool:
             clbvh.build(self.mesh, pool=pool, task_threshold=200)
 

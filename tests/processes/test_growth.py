@@ -23,7 +23,7 @@ COUNTS = {
     "deformations": (20, 100, 10_000),
     "pictures": (20, 60, 1000),
     "frames": (100, 1000, 100_000),
-    "renderers": (20, 60, 1000),
+    "unclosed_renderers": (20, 60, 1000),
     "pools": (5, 6, 300),
 }
 
