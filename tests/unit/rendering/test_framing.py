@@ -147,20 +147,14 @@ def test_a_renderer_takes_one_side_after_the_other(mesh):
             renderer.render(side="top", camera=camera)
 
 
-SHAPES = [
-    clbvh.make_shape("icosphere", triangles=320), clbvh.make_shape("knot", triangles=200),
-    Mesh.from_arrays([[3, 0, 0], [4, 0, 0], [3, 1, 0]], [[0, 1, 2]]),
-]  # fmt: skip
-
-
-def random_places(count, seed, spread=5.0):
+def random_places(shapes, count, spread):
     """The shape and the transform of each instance, any affine map, mirrors among them; and all vertices."""
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(count)
     transforms = np.tile(np.eye(4), (count, 1, 1))
     transforms[:, :3, :3] = generator.normal(size=(count, 3, 3)) * generator.uniform(0.1, 1, (count, 1, 1))
     transforms[:, :3, 3] = spread * generator.normal(size=(count, 3))
-    ids = generator.integers(0, len(SHAPES), count)
-    parts = [SHAPES[i].vertices @ matrix[:3, :3].T + matrix[:3, 3] for i, matrix in zip(ids, transforms, strict=True)]
+    ids = generator.integers(0, len(shapes), count)
+    parts = [shapes[i].vertices @ matrix[:3, :3].T + matrix[:3, 3] for i, matrix in zip(ids, transforms, strict=True)]
     return ids, transforms, np.concatenate(parts)
 
 
@@ -169,9 +163,10 @@ def box_of(bounds):
 
 
 def test_bounds_and_cameras_of_a_scene_are_those_of_all_its_vertices():
+    shapes = [clbvh.make_shape("icosphere", triangles=320), clbvh.make_shape("knot", triangles=200), mesh_of(np.eye(3))]
     for count in (1, 7, 2000):
-        ids, transforms, points = random_places(count, count, spread=count / 40 + 5)
-        bounds = SceneBounds(SHAPES, ids, transforms)
+        ids, transforms, points = random_places(shapes, count, count / 40 + 5)
+        bounds = SceneBounds(shapes, ids, transforms)
         np.testing.assert_allclose(box_of(bounds), [points.min(axis=0), points.max(axis=0)], rtol=0, atol=1e-10)
         for turns in (False, True):
             camera = frame_scene(bounds, aspect=1.5, up=SKEW, turns=turns)

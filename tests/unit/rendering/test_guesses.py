@@ -39,16 +39,10 @@ def box_of(bounds):
     return bounds.origin + bounds.local_box.astype(float) / bounds.scale
 
 
-LEGS = [(CREATE.box((0.1, 0.1, 1)), (x, y, 0.5)) for x in (-1, 1) for y in (-1, 1)]
-CONE = as_mesh(CREATE.cone(1, 2))
-STANDING = [
-    CONE, as_mesh(CREATE.cylinder(1, 2)), as_mesh(CREATE.torus(1, 0.3)), as_mesh(CREATE.box((3, 2, 0.1))),
-    joined(*LEGS, (CREATE.box((2.4, 2.4, 0.1)), (0, 0, 1))),
-]  # fmt: skip
-
-
 def test_a_mesh_stands_on_its_base_either_way():
-    for mesh in STANDING:
+    legs = [(CREATE.box((0.1, 0.1, 1)), (x, y, 0.5)) for x in (-1, 1) for y in (-1, 1)]
+    solids = [CREATE.cone(1, 2), CREATE.cylinder(1, 2), CREATE.torus(1, 0.3), CREATE.box((3, 2, 0.1))]
+    for mesh in [*map(as_mesh, solids), joined(*legs, (CREATE.box((2.4, 2.4, 0.1)), (0, 0, 1)))]:
         for unit in (1e-30, 1, 1e30):
             assert guess(mesh.with_vertices(mesh.vertices * unit), "obj").vector == Z_UP
             assert guess(mesh.with_vertices(mesh.vertices @ TURN.T * unit), "stl").vector == Y_UP
@@ -66,7 +60,7 @@ def test_the_format_decides_where_the_shape_does_not():
             assert vector == up, kind
             assert note is None if up == Y_UP else note.startswith("z is up: most ")
     for kind in ("glb", "gltf"):
-        assert guess(CONE, kind) == (Y_UP, None)
+        assert guess(as_mesh(CREATE.cone(1, 2)), kind) == (Y_UP, None)
 
 
 def test_an_eye_straight_above_has_the_other_axis():
