@@ -14,7 +14,7 @@ from clbvh.trace.rays import pieces
 from clbvh.trace.world.tree_box import TreeBox
 
 from .scene_distances import CHOICE, SceneDistances, points_around
-from .scene_states import affine, random_linear
+from .scene_states import affine, make_state, random_linear, scene_of
 
 QUERIES = ("closest_point", "contains", "signed_distance")
 BOX = trimesh.creation.box()
@@ -23,16 +23,6 @@ OPEN = BOX.vertices, BOX.faces[1:]
 
 def state_of(source):
     return (source if isinstance(source, Scene) else Scene(source)).snapshot()
-
-
-def place(*rows):
-    """A scene of (shape, transform)."""
-    scene, geometries = Scene(), {}
-    for shape, transform in rows:
-        if id(shape) not in geometries:
-            geometries[id(shape)] = scene.add(shape)
-        scene.place(geometries[id(shape)], transform)
-    return scene
 
 
 def ask(tracer, points, **options):
@@ -110,40 +100,28 @@ def test_ties_go_to_the_smallest_instance_and_face(session):
     at_edges = [np.flatnonzero((edges == edge).all(axis=1)).min() // 3 for edge in edges]
 
     mesh = Mesh.from_arrays(vertices, faces)
-    copies = place((mesh, affine(offset=(0, 0, 99))), *[(mesh, affine())] * 9)
+    copies = scene_of(make_state([mesh], (0, affine(offset=(0, 0, 99))), *[(0, affine())] * 9))
     for source, instance in ((mesh, 0), (copies, 1)):
         with Tracer(source, device=session.info) as tracer:
-            above, below = (
-                tracer.closest_point(vertices + np.array([0, 0, 1.7])),
-                tracer.closest_point(halves - [0, 0, 0.3]),
-            )
+            above = tracer.closest_point(vertices + np.array([0, 0, 1.7]))
+            below = tracer.closest_point(halves - [0, 0, 0.3])
         np.testing.assert_array_equal(above.prim_id, at_vertices)
         np.testing.assert_array_equal(below.prim_id, at_edges)
         assert (above.instance_id == instance).all()
 
 
 def test_sizes_and_survey_coordinates(session):
-    knot, generator = make_shape("knot", triangles=170), np.random.default_rng(93)
-    balls = Spheres(generator.normal(size=(12, 3)), 10.0 ** generator.uniform(-2, -0.5, 12))
-    scene = place(*((shape, affine(random_linear(generator), generator.normal(size=3))) for shape in (knot, balls) * 2))
-    for source in (knot, scene):
-        state = state_of(source)
-        known = SceneDistances(state, points_around(state, generator))
-        reach = np.abs(known.points).max()
-        for scale, offset in ((1e-6, 0), (1e8, 4.65e6), (1, 4.65e6), (1, 1e12), (1e-30, 0), (1e30, 0)):
-            if source is knot:
-                moved = Mesh.from_arrays((knot.vertices + offset) * scale, knot.faces)
-            else:
-                bases = [affine(row[:3, :3] * scale, (row[:3, 3] + offset) * scale) for row in state.transforms]
-                moved = place(*zip([knot, balls] * 2, bases, strict=True))
-            with Tracer(moved, device=session.info) as tracer:
-                points = (known.points + offset) * scale
-                distance, inside = tracer.closest_point(points).distance, tracer.contains(points)
-            bound = 2 * CHOICE * reach + 1e-15 * offset
-            nearest = known.to_instances.min(axis=1)
-            np.testing.assert_allclose(distance / scale, nearest, rtol=0, atol=bound, err_msg=f"{scale} {offset}")
-            is_sure = nearest > 1e-5 * reach + 2e-15 * offset
-            np.testing.assert_array_equal(inside[is_sure], known.is_inside.any(axis=1)[is_sure])
+    knot = make_shape("knot", triangles=170)
+    known = SceneDistances(state_of(knot), points_around(state_of(knot), np.random.default_rng(93)))
+    nearest, reach = known.to_instances[:, 0], np.abs(known.points).max()
+    for scale, offset in ((1e-6, 0), (1e8, 4.65e6), (1, 4.65e6), (1, 1e12), (1e-100, 0), (1e100, 0)):
+        with Tracer(((knot.vertices + offset) * scale, knot.faces), device=session.info) as tracer:
+            points = (known.points + offset) * scale
+            distance, inside = tracer.closest_point(points).distance, tracer.contains(points)
+        bound = 2 * CHOICE * reach + 1e-15 * offset
+        np.testing.assert_allclose(distance / scale, nearest, rtol=0, atol=bound, err_msg=f"{scale} {offset}")
+        is_sure = nearest > 1e-5 * reach + 2e-15 * offset
+        np.testing.assert_array_equal(inside[is_sure], known.is_inside[is_sure, 0])
 
 
 @pytest.mark.parametrize("size", [1e-6, 1e-12])
@@ -152,10 +130,10 @@ def test_small_instances_in_a_large_scene_are_as_exact_as_by_themselves(session,
     generator = np.random.default_rng(94)
     linear = random_linear(generator) * size
     for shape in (make_shape("knot", triangles=170), Spheres(generator.normal(size=(12, 3)), np.full(12, 0.2))):
-        scene = place((shape, affine(offset=(-5, 0, 0))), (shape, affine(linear)), (shape, affine(offset=(5, 0, 0))))
+        state = make_state([shape], (0, affine(offset=(-5, 0, 0))), (0, affine(linear)), (0, affine(offset=(5, 0, 0))))
         points = generator.normal(size=(300, 3)) * 2 @ linear.T
-        expected = SceneDistances(scene.snapshot(), points).to_instances.min(axis=1)
-        with Tracer(scene, device=session.info) as tracer:
+        expected = SceneDistances(state, points).to_instances.min(axis=1)
+        with Tracer(scene_of(state), device=session.info) as tracer:
             error = tracer.closest_point(points).distance - expected
         assert (np.abs(error) <= 2 * CHOICE * 20 * size).all()
 
@@ -243,7 +221,8 @@ def test_what_is_refused(session, world):
 @pytest.mark.parametrize("query", QUERIES[1:])
 def test_an_open_mesh_is_told_once_and_answers_all_the_same(session, query):
     points = [[5.0, 0, 0]]
-    scene = place((Mesh.from_arrays(*OPEN), affine((2, 2, 2))), (Spheres([[0, 0, 0]], 1), affine()))
+    shapes = Mesh.from_arrays(*OPEN), Spheres([[0, 0, 0]], 1)
+    scene = scene_of(make_state(shapes, (0, affine((2, 2, 2))), (1, affine())))
     for source, is_scene in ((OPEN, False), (scene, True)):
         with Tracer(source, device=session.info) as tracer:
             # Warnings are errors here: other queries, and those about closed shapes, tell nothing.

@@ -171,8 +171,7 @@ class TestFailures:
             tracer.update(good)
         assert tracer.mesh is moved
 
-    @pytest.mark.parametrize("is_first", [True, False])
-    @pytest.mark.parametrize("is_late", [True, False])
+    @pytest.mark.parametrize(("is_first", "is_late"), [(True, False), (False, True)])
     def test_an_update_that_breaks_off_changes_nothing(self, bvh, mesh, monkeypatch, is_first, is_late):
         write = RefitArrays.write
 
