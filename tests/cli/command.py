@@ -31,10 +31,7 @@ _SCRIPT = "from clbvh.cli import main; main()"
 
 @dataclass(frozen=True)
 class Answer:
-    """Exit code and output of a command.
-
-    Whether something is compiled depends on the tests before: the line about it is apart.
-    """
+    """Exit code and output; the line about what is compiled, which depends on the tests before, is apart."""
 
     returncode: int
     stdout: str
@@ -43,16 +40,9 @@ class Answer:
 
 
 def run_clbvh(*arguments: object, **environment: str) -> Answer:
-    """Run `clbvh` with these arguments in this process.
+    """Run `clbvh` with these words in this process, with these variables on top of the test's own.
 
     An exception that would be a traceback for the user is one for the test.
-
-    Parameters
-    ----------
-    *arguments
-        Words of the command line; paths and numbers are welcome.
-    **environment
-        Variables on top of the test's own, without those that choose a device or a driver.
     """
     is_doctor = arguments[:1] == ("doctor",)
     assert is_doctor or not any(name.startswith(_DRIVER_PREFIXES) for name in environment), "needs its own process"

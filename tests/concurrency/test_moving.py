@@ -42,7 +42,10 @@ class Moving:
                 self.expected[states] = [ask(tracer, *query) for query in self.queries]
 
     def open(self):
-        return clbvh.Tracer(self.subject.source, **self.options)
+        """Open a tracer of the first state."""
+        tracer = clbvh.Tracer(self.subject.source, **self.options)
+        self.set(tracer, [0] * len(self.subject.changes))
+        return tracer
 
     def set(self, tracer, states):
         for change, state in zip(self.subject.changes, states, strict=True):
@@ -76,7 +79,6 @@ def test_every_answer_is_that_of_one_state(moving, movers):
     assert len({b"".join(itertools.chain(*answers)) for answers in expected.values()}) == len(expected)
     is_over, asked = threading.Event(), [0] * THREADS
     with moving.open() as tracer:
-        moving.set(tracer, next(iter(expected)))
 
         def move(seed):
             generator, count = np.random.default_rng(seed), 0
@@ -112,7 +114,6 @@ def test_every_answer_is_that_of_one_state(moving, movers):
 def test_later_queries_of_the_thread_that_moves_see_the_new_state(moving):
     now, turns = [0] * len(moving.subject.changes), threading.Lock()
     with moving.open() as tracer:
-        moving.set(tracer, now)
 
         def move_and_trace(seed):
             generator = np.random.default_rng(seed)
@@ -137,8 +138,14 @@ def test_closing_waits_for_a_change_and_refuses_later_ones(moving):
         def change(tracer=tracer, generator=generator):
             until_closed(lambda: moving.change(tracer, generator))
 
-        def query(tracer=tracer):
-            until_closed(lambda: tracer.closest_hit([[0, 0, 9]], [[0, 0, -1]]))
+        def query(tracer=tracer, generator=generator):
+            index = generator.integers(len(moving.queries))
+            answers = [answers[index] for answers in moving.expected.values()]
+
+            def ask_one():
+                assert ask(tracer, *moving.queries[index]) in answers
+
+            until_closed(ask_one)
 
         def close(seed=seed, tracer=tracer):
             time.sleep(0.02 * seed)

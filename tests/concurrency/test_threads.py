@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import subprocess
 import sys
 import threading
@@ -11,7 +10,7 @@ import time
 import numpy as np
 import pytest
 
-from clbvh import RenderOptions, Scene, SubtreePool, Tracer, View, build, render
+from clbvh import SubtreePool, Tracer, build
 from clbvh.builders.processes.pool import open_executor
 from clbvh.errors import PoolError, QueryError
 from clbvh.trace import running_calls
@@ -95,25 +94,6 @@ class TestClosing:
         with pytest.raises(QueryError, match="the tracer is closed"):
             own_tracer.closest_prim(*RAYS)
 
-    def test_queries_get_an_answer_or_a_clear_error(self, tracer, mesh):
-        queries, bvh = make_queries(mesh, SIZES, seed=6), build(mesh)
-        expected = [ask(tracer, *query) for query in queries]
-        for seed in range(20 if is_long() else 4):
-            closing = Tracer(bvh)
-
-            def trace(closing=closing):
-                with pytest.raises(QueryError, match="the tracer is closed"):  # noqa: PT012 again and again
-                    for index in itertools.cycle(range(len(queries))):
-                        assert ask(closing, *queries[index]) == expected[index]
-
-            def close(seed=seed, closing=closing):
-                time.sleep(0.02 * seed)
-                closing.close()
-
-            run_in_threads(close, close, *[trace] * THREADS)
-            assert closing.is_closed
-            assert closing._caster.session.buffer_count == 0
-
     @pytest.mark.parametrize("count", [1, 2])
     def test_progress_functions_may_close_their_tracer(self, own_tracer, count):
         expected = own_tracer.closest_prim(*RAYS)
@@ -177,16 +157,6 @@ class TestPool:
                 build(mesh, pool=pool, task_threshold=500)
 
         run_in_threads(hold, late)
-
-
-def test_pictures_of_several_threads_have_the_bytes_of_one(mesh):
-    scene, view = Scene(mesh), View(width=120, height=90)
-    options = [RenderOptions(layout=layout) for layout in ("bvh2", "bvh8")]
-    expected = [render(scene, view, option) for option in options]
-    pictures = run_in_threads(*(lambda option=option: render(scene, view, option) for option in options * 3))
-    for picture, wanted in zip(pictures, expected * 3, strict=True):
-        assert picture.rgb.tobytes() == wanted.rgb.tobytes()
-        assert picture.hits.prim_id.tobytes() == wanted.hits.prim_id.tobytes()
 
 
 def test_tracers_of_a_device_share_its_context_and_its_kernels(mesh, tracer, own_tracer):
