@@ -19,9 +19,11 @@ from clbvh.builders.reinsertion.expanded_tree import (
     sweep,
 )
 from clbvh.builders.reinsertion.reinsert import reinsert_below
+from clbvh.bvh.refit import fit_nodes
 from clbvh.structs import EXPANDED_FIRST, EXPANDED_PRIM_ID, NODE
 
 from ...soup import make_soup
+from ..hand_made import make_mesh
 from .reference import cost_of, make_prim_refs
 
 
@@ -101,6 +103,22 @@ def test_a_sweep_finds_the_cheapest_split_of_all(count):
 
 def test_equal_triangles_are_split_evenly():
     assert sweep_all(Mesh.from_arrays(np.eye(3), np.tile(np.arange(3), (64, 1))))[1] == 32
+
+
+def test_neighbours_that_were_parted_find_each_other():
+    # Four triangles in a row as (0, (1, 3)), 2: 3 belongs to 2.
+    nodes, prim_ids, mesh = np.zeros(7, NODE), np.array([0, 1, 3, 2], np.int32), make_mesh()
+    nodes["first"], nodes["count"] = [1, 3, 3, 0, 5, 1, 2], [0, 0, 1, 1, 0, 1, 1]
+    tree = expand(Bvh(fit_nodes(nodes["first"], nodes["count"], prim_ids, mesh), prim_ids, mesh))
+    below = list_below(tree, ROOT)
+    leaf_of = {tree.links[node, EXPANDED_PRIM_ID]: node for node in below if tree.links[node, EXPANDED_FIRST] == 0}
+    # 2 would move to 3, but the root would go with it.
+    assert reinsert_below(tree, ROOT, np.array([leaf_of[2]], np.int32)) == 0
+    assert reinsert_below(tree, ROOT, np.array([leaf_of[3]], np.int32)) == 1
+    assert_linked(tree)
+    bvh = collapse_best(mesh, tree)
+    assert sorted(sorted(bvh.prim_ids[begin : begin + 2]) for begin in (0, 2)) == [[0, 1], [2, 3]]
+    assert bvh.depth == 2
 
 
 def test_every_move_lowers_the_cost():
