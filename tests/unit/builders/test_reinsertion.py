@@ -133,19 +133,6 @@ def test_every_move_lowers_the_cost():
     assert_linked(tree)
 
 
-def test_a_subtree_keeps_to_its_own_nodes():
-    mesh = make_soup(500, 4, grid=50, size=30)
-    tree = expand(build(mesh))
-    top = int(tree.links[ROOT, EXPANDED_FIRST])
-    below = list_below(tree, top)
-    others = np.setdiff1d(np.arange(len(tree.boxes)), below)
-    untouched = tree.links[others].copy()
-    assert reinsert_below(tree, top, below) > 0
-    assert (tree.links[others] == untouched).all()
-    assert sorted(list_below(tree, top).tolist()) == sorted(below.tolist())
-    collapse_best(mesh, tree)
-
-
 @pytest.mark.parametrize(("leaf_size", "traversal_cost"), [(1, 1.0), (2, 1.0), (4, 0.3), (4, 4.0), (8, 1.0)])
 def test_the_leaves_are_the_cheapest_of_all(leaf_size, traversal_cost):
     mesh = make_soup(9, seed=7, grid=10, size=12)

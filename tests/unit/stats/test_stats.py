@@ -16,7 +16,6 @@ from clbvh.stats import tree_plot
 from clbvh.stats.overlap import measure_overlap
 from clbvh.stats.tree_stats import Bar, gather_bars
 
-from ...soup import make_soup
 from ..hand_made import make_leaf, make_tree
 
 # Half areas of the hand-made tree's boxes, from their sizes: xy + yz + zx.
@@ -99,18 +98,6 @@ def test_the_picture_shows_what_the_numbers_say(draw):
     assert pixels.shape[:2] == (750, 1500)
     figure, _ = draw(measure_tree(make_leaf()))
     assert [bars_of(axes).tolist() for axes in figure.axes] == [[[4, 1]], [[0, 1]]]
-
-
-@pytest.mark.parametrize("leaf_size", [1, 4, 255])
-def test_no_text_leaves_the_picture_or_touches_another(draw, leaf_size):
-    bvh = build(make_soup(5000, 1, copies=0.2), leaf_size=leaf_size, traversal_cost=leaf_size)
-    figure, _ = draw(measure_tree(bvh, overlap_sample=100))
-    assert "(sampled)" in figure.texts[1].get_text()
-    texts = [*figure.texts, *(text for axes in figure.axes for text in (axes.title, axes._left_title, *axes.texts))]
-    boxes = [text.get_window_extent() for text in texts if text.get_text()]
-    for number, box in enumerate(boxes):
-        assert min(box.x0, box.y0, figure.bbox.x1 - box.x1, figure.bbox.y1 - box.y1) >= 0
-        assert not any(box.overlaps(other) for other in boxes[:number])
 
 
 def test_other_names_and_places_and_a_missing_matplotlib_are_refused(tmp_path, monkeypatch):

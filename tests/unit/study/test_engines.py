@@ -11,7 +11,7 @@ import pytest
 
 from clbvh import BuildOptions, Mesh, build
 from clbvh.builders.ladder.variants import VARIANTS
-from clbvh.study.engines import ENGINES, Engine, EngineError, Rival, open_engine
+from clbvh.study.engines import EngineError, Rival
 from clbvh.study.experiments.peers import QUERIES
 from clbvh.study.ladder_work import count_ladder_work
 from clbvh.study.machine import count_build, find_counter_problem
@@ -19,25 +19,6 @@ from clbvh.study.samples import NotMeasuredError
 
 RAY_COUNT = 64
 RAYS = ("coherent", "shuffled", "scattered")
-
-
-class Slow(Engine):
-    """Counts what it is given, and no more than a few of them."""
-
-    most_items = 10
-
-    def __init__(self, vertices, faces):
-        pass
-
-    def build(self):
-        pass
-
-    def closest(self, rays):
-        assert rays[0].flags.c_contiguous
-        return len(rays[0])
-
-    def points(self, points):
-        return len(points[0])
 
 
 @pytest.fixture(scope="module")
@@ -50,14 +31,6 @@ def folder(tmp_path_factory, mesh):
     for name, array in {**arrays, **dict.fromkeys(RAYS, np.stack((origins, directions)))}.items():
         np.save(folder / f"{name}.npy", array)
     return str(folder)
-
-
-def test_a_slow_engine_gets_an_even_share(folder, mesh, monkeypatch):
-    monkeypatch.setitem(ENGINES, "slow", Slow)
-    tasks = open_engine("slow", folder)
-    assert [query for query in QUERIES if Slow.has(query)] == list(tasks) == ["build", *RAYS, "points"]
-    assert [tasks[query]() for query in (*RAYS, "points")] == [(10, 10)] * 4  # every seventh of 64
-    assert tasks["build"]() == (mesh.face_count, None)
 
 
 @pytest.mark.usefixtures("_opened_device")
