@@ -168,18 +168,6 @@ def test_moved_spheres_have_exact_boxes(layout):
     assert (refit.half == np.abs(find_corners(moved).points).max(axis=0)).all()
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_spheres_take_a_fiftieth_of_icospheres_of_80_triangles(layout):
-    generator = np.random.default_rng(3)
-    spheres = Spheres(generator.normal(size=(500, 3)), generator.uniform(0.01, 0.1, 500))
-    ball = make_shape("icosphere", triangles=80)
-    assert ball.face_count == 80
-    vertices = spheres.centres[:, None] + spheres.radii[:, None, None] * ball.vertices
-    faces = ball.faces + len(ball.vertices) * np.arange(500)[:, None, None]
-    icospheres = build(Mesh.from_arrays(vertices.reshape(-1, 3), faces.reshape(-1, 3)))
-    assert measure_device_bytes(tree_over(spheres), layout) < measure_device_bytes(icospheres, layout) / 50
-
-
 def test_wide_blocks_are_filled_whatever_the_leaf_size():
     for shape in ("knot", "terrain", "blobs", "icosphere"):
         sizes = []
