@@ -26,6 +26,10 @@ def expected(tracer, rays):
     return hits
 
 
+def test_hits_are_in_the_order_of_t(expected):
+    assert (np.diff(expected.t)[np.diff(expected.ray_id) == 0] >= 0).all()
+
+
 def test_all_queries_agree(tracer, rays, expected):
     np.testing.assert_array_equal(tracer.count_hits(*rays), expected.counts)
     np.testing.assert_array_equal(tracer.any_hit(*rays), expected.counts > 0)
