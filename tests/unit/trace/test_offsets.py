@@ -18,7 +18,7 @@ def turn(generator):
     return np.linalg.qr(generator.normal(size=(3, 3)))[0]
 
 
-def make_soup(generator, low=-4, high=4):
+def make_soup(generator, low=0, high=0):
     """Triangles of all sizes; their third corner is about 10^low to 10^high edges away from the first edge."""
     a = generator.normal(size=(200, 3))
     ab = generator.normal(size=(200, 3)) * 10.0 ** generator.uniform(-6, 0, (200, 1))
@@ -27,14 +27,20 @@ def make_soup(generator, low=-4, high=4):
     return Mesh.from_arrays(np.stack([a, a + ab, c], axis=1).reshape(-1, 3), np.arange(600).reshape(-1, 3))
 
 
+def make_knot(generator):
+    knot = make_shape("knot", triangles=2000)
+    return Mesh.from_arrays(knot.vertices @ turn(generator), knot.faces)
+
+
 def make_spheres(generator):
     return Spheres(generator.normal(size=(200, 3)), 10 ** generator.uniform(-3, -0.5, 200))
 
 
 SHAPES = {
     "soup": make_soup,
-    "slivers": lambda generator: make_soup(generator, -10, -2),
-    "needles": lambda generator: make_soup(generator, -20, -10),
+    "slivers": lambda generator: make_soup(generator, -8, -3),
+    "needles": lambda generator: make_soup(generator, -20, -8),
+    "knot": make_knot,
     "spheres": make_spheres,
 }
 
