@@ -11,6 +11,7 @@ import ast
 import doctest
 import re
 import shlex
+import textwrap
 import warnings
 from pathlib import Path
 
@@ -167,6 +168,19 @@ def test_pictures_have_their_command():
 def test_pictures_are_small():
     sizes = [path.stat().st_size for path in (REPOSITORY / "docs" / "pictures").iterdir()]
     assert sum(sizes) < 1_500_000
+
+
+def test_recipes_quote_their_scripts():
+    quotes = [
+        (snippet, snippet.reason.removeprefix("from "))
+        for page in PAGES
+        for snippet in find_snippets(page)
+        if (snippet.reason or "").startswith("from ")
+    ]
+    assert {path for _, path in quotes} >= {f"examples/{name}.py" for name in ("lidar_scan", "sky_view", "turntable")}
+    for snippet, path in quotes:
+        script = (REPOSITORY / path).read_text()
+        assert snippet.text in script or textwrap.indent(snippet.text, "    ") in script, f"{snippet}: not in {path}"
 
 
 def test_the_architecture_names_files_and_lists_that_exist():
