@@ -49,7 +49,6 @@ class Parent:
         self.scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80))
 
     def use(self):
-        """Open a tracer, and start threads and workers."""
         self.tracer = clbvh.Tracer(self.bvh)
         self.closed = clbvh.Tracer(self.bvh)
         self.moving = clbvh.Tracer(self.objects)
@@ -66,37 +65,30 @@ class Parent:
         self.pool.wait_ready()
 
     def forget(self):
-        """Drop all that holds the driver's handles."""
         del self.tracer, self.closed, self.moving, self.renderer, self.picture, self.box, self.hits
         gc.collect()
 
     def close(self):
-        """Close everything."""
         with self.tracer, self.moving, self.renderer:
             self.box.close()
             self.pool.close()
             self.threads.close()
 
     def query(self):
-        """Cast some rays."""
         return self.tracer.closest_hit(*self.rays).count
 
     def move(self):
-        """Move the objects of the scene, and cast some rays."""
         self.moving.set_transforms(self.objects.instances, self.places)
         return self.moving.closest_hit(*self.rays).count
 
     def deform(self):
-        """Move the vertices of an object of the scene."""
         self.moving.set_vertices(self.object, self.mesh.vertices)
 
     def open_and_query(self):
-        """Cast some rays with a tracer of the child's own."""
         with clbvh.Tracer(self.bvh) as tracer:
             return tracer.closest_hit(*self.rays).count
 
     def work_on_the_host(self):
-        """Build, refit, and compute with several threads."""
         bvh = clbvh.build(clbvh.make_shape("knot", triangles=30_000), quality="high")
         locations = self.hits.locations
         tripled = self.threads.run(lambda number: 3 * number, [(1,), (2,), (3,)])
