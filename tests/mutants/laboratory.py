@@ -126,27 +126,66 @@ def _seed(original: Path, code: Path, changed: frozenset[str]) -> None:
 
 @cache
 def importers(file: str) -> frozenset[str]:
-    """Return the last names of the modules that import one, directly or through others, and its own.
+    """Return the last names of the modules whose machine code depends on one, directly or through others, and its own.
 
     Modules of the same name count together: too much may be compiled again, never too little.
     """
-    found = {Path(file).stem}
+    found = {".".join(Path(file).with_suffix("").parts).removesuffix(".__init__")}
     while True:
-        more = found | {name for name, imported in _imports().items() if imported & found}
+        more = found | {module for module, needed in _needs().items() if needed & found}
         if more == found:
-            return frozenset(found)
+            return frozenset(module.rpartition(".")[2] for module in found)
         found = more
 
 
 @cache
-def _imports() -> dict[str, frozenset[str]]:
-    """Return the last names of all that each module imports, modules and their functions alike."""
-    imports: dict[str, frozenset[str]] = {}
+def _needs() -> dict[str, frozenset[str]]:
+    """Return the modules of whose names each module makes constants, classes and compiled functions."""
+    trees = {}
     for path in (ROOT / "clbvh").rglob("*.py"):
-        names: set[str] = set()
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom):
-                names.update((node.module or "").split("."), (alias.name for alias in node.names))
-        stem = path.parent.name if path.stem == "__init__" else path.stem
-        imports[stem] = imports.get(stem, frozenset()) | names
-    return imports
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        is_package = parts[-1] == "__init__"
+        module = ".".join(parts[:-1] if is_package else parts)
+        trees[module] = ast.parse(path.read_text()), module if is_package else module.rpartition(".")[0]
+    origins = {module: _find_origins(tree, package) for module, (tree, package) in trees.items()}
+
+    def resolve(module: str, name: str) -> set[str]:
+        """Return the modules in which a name of a module is defined, which may be one itself."""
+        if f"{module}.{name}" in trees:
+            return {f"{module}.{name}"}
+        return {module} | (resolve(*origins[module][name]) if name in origins.get(module, {}) else set())
+
+    return {
+        module: frozenset().union(*(resolve(*origins[module][name]) for name in _list_used(tree) & {*origins[module]}))
+        for module, (tree, _) in trees.items()
+    }
+
+
+def _find_origins(tree: ast.Module, package: str) -> dict[str, tuple[str, str]]:
+    """Return the module and the name there of each name that a module imports from others of clbvh."""
+    origins = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.level or (node.module or "").startswith("clbvh")):
+            above = package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
+            module = ".".join([*above, *([node.module] if node.module else [])])
+            origins.update({alias.asname or alias.name: (module, alias.name) for alias in node.names})
+    return origins
+
+
+def _list_used(tree: ast.Module) -> set[str]:
+    """Return the names used by a module's compiled functions, and outside of functions."""
+    used: set[str] = set()
+    nodes: list[ast.AST] = [tree]
+    while nodes:
+        for node in ast.iter_child_nodes(nodes.pop()):
+            if isinstance(node, ast.FunctionDef):
+                decorators = {
+                    name.id for each in node.decorator_list for name in ast.walk(each) if isinstance(name, ast.Name)
+                }
+                if decorators:
+                    used |= {name.id for name in ast.walk(node) if isinstance(name, ast.Name)}
+            elif isinstance(node, ast.Name):
+                used.add(node.id)
+            else:
+                nodes.append(node)
+    return used
