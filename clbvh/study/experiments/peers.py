@@ -121,7 +121,7 @@ def list_leads(results: Results, caption: str) -> Table:
         )
         for query, title in QUERIES.items()
     ]
-    return Table(caption, ("", *(f"{mesh}, {triangles[mesh]:,}" for mesh in meshes)), rows)
+    return Table(caption, ("", *(f"{mesh.partition('-')[0]}, {triangles[mesh]:,}" for mesh in meshes)), rows)
 
 
 def _count_answers(results: Results, case: Case | None) -> int | None:
