@@ -1,8 +1,6 @@
 """The ray engine for trimesh: its contract, and that it follows a mesh that changes."""
 
-import copy
 import inspect
-import pickle
 
 import numpy as np
 import pytest
@@ -10,20 +8,19 @@ import trimesh
 
 import clbvh
 from clbvh.device import program
-from clbvh.errors import ConfigError, DeviceError, MeshError
-from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, install, is_installed, tracers
-from clbvh.trace.points.queries import GENERIC_DIRECTIONS
+from clbvh.errors import ConfigError, DeviceError, MeshError, QueryError, SceneError
+from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, SceneRay, tracers
 from clbvh.trace.tracer import Tracer
 
 from ..concurrency.threads import run_in_threads
 
 # Declared by the embree engine of trimesh 5.
 SIGNATURES = {
-    "intersects_location": "(ray_origins, ray_directions, multiple_hits=True)",
-    "intersects_id": "(ray_origins, ray_directions, multiple_hits=True, max_hits=100, return_locations=False)",
-    "intersects_first": "(ray_origins, ray_directions)",
-    "intersects_any": "(ray_origins, ray_directions)",
-    "contains_points": "(points)",
+    "intersects_location": "(self, ray_origins, ray_directions, multiple_hits=True)",
+    "intersects_id": "(self, ray_origins, ray_directions, multiple_hits=True, max_hits=100, return_locations=False)",
+    "intersects_first": "(self, ray_origins, ray_directions)",
+    "intersects_any": "(self, ray_origins, ray_directions)",
+    "contains_points": "(self, points)",
 }
 DOWN = [[0.1, 0.2, 5]], [[0, 0, -1]]
 MOVING_RAYS = np.random.default_rng(101).uniform(-1, 1, (2, 400, 3))
@@ -58,13 +55,18 @@ def check_same(obtained, expected):
 
 class TestContract:
     def test_arguments_and_defaults_are_those_of_trimesh(self):
+        def list_parameters(function, annotation=inspect.Parameter.empty):
+            parameters = inspect.signature(function).parameters.values()
+            return str(inspect.Signature([each.replace(annotation=annotation) for each in parameters]))
+
         for name, expected in SIGNATURES.items():
-            parameters = list(inspect.signature(getattr(RayMeshIntersector, name)).parameters.values())[1:]
-            bare = [each.replace(annotation=inspect.Parameter.empty) for each in parameters]
-            assert str(inspect.Signature(bare)) == expected, name
-        first, second, *others = inspect.signature(RayMeshIntersector).parameters.values()
-        assert (first.name, second.name, second.default) == ("geometry", "scale_to_box", True)
-        assert all(each.kind is inspect.Parameter.KEYWORD_ONLY for each in others)
+            for owner in (RayMeshIntersector, SceneRay):
+                assert list_parameters(getattr(owner, name)) == expected, name
+        ours, theirs = clbvh.integrations.trimesh, trimesh.proximity
+        for name in ("closest_point", "signed_distance", "longest_ray", "max_tangent_sphere", "thickness"):
+            assert list_parameters(getattr(ours, name)) == list_parameters(getattr(theirs, name)), name
+        for name in ("on_surface", "signed_distance", "vertex"):
+            assert list_parameters(getattr(ProximityQuery, name)) == "(self, points)"
 
     def test_orders_and_dtypes(self, box):
         # Two rays through the box, the middle one beside it: first hits first, each depth in the order of the rays.
@@ -109,25 +111,6 @@ class TestContract:
                 torus.ray.intersects_id(*rays, max_hits=most), (index_tri[depth < most], index_ray[depth < most])
             )
 
-    def test_no_hits_at_all(self, box):
-        nothing, dtypes, shapes = np.empty((0, 3)), [int, int, float], [(0,), (0,), (0, 3)]
-        for rays in ((nothing, nothing), ([[9, 9, 9]], [[1, 0, 0]])):
-            for more in ({}, {"multiple_hits": False}, {"max_hits": 0}):
-                arrays = box.ray.intersects_id(*rays, return_locations=True, **more)
-                assert [array.shape for array in arrays] == shapes
-                assert [array.dtype for array in arrays] == dtypes
-                assert [array.dtype for array in box.ray.intersects_id(*rays, **more)] == dtypes[:2]
-        for query in (box.ray.intersects_first, box.ray.intersects_any):
-            assert query(nothing, nothing).shape == (0,)
-        assert box.ray.contains_points(nothing).shape == (0,)
-
-    def test_rays_of_any_dtype_are_left_alone(self, box):
-        for dtype in (float, np.float32, np.int64, np.float16):
-            origins, directions = np.array([[0, 0, 5]], dtype), np.array([[0, 0, -3]], dtype)
-            origins.flags.writeable = directions.flags.writeable = False
-            assert len(box.ray.intersects_location(origins, directions)[0]) == 2
-            assert not box.ray.contains_points(origins)[0]
-
     def test_rays_that_are_none_hit_nothing(self, box):
         origins = np.array([[0, 0, 5], [np.nan, 0, 5], [0, 0, 5], [0, np.inf, 0], [0, 0, 5]], float)
         directions = np.array([[0, 0, -1], [0, 0, -1], [0, 0, 0], [0, -1, 0], [0, -np.inf, 0]], float)
@@ -137,40 +120,38 @@ class TestContract:
         assert box.ray.intersects_id(origins, directions)[1].tolist() == [0, 0]
         assert np.isnan(origins[1, 0])
 
-    def test_what_is_refused(self, box):
-        ray, empty = box.ray, trimesh.Trimesh()
-        rows = [
-            (lambda: ray.intersects_id([[0, 0, 0]], [[0, 0, 1]] * 2), ValueError, "Ray origin and direction don't"),
-            (lambda: ray.intersects_first([0, 0, 5], [0, 0, -1]), ValueError, "shape"),
-            (lambda: ray.contains_points([0, 0, 0]), ValueError, r"points must be \(n,3\)"),
-            (lambda: RayMeshIntersector(empty).intersects_any(*DOWN), MeshError, "faces|vertices"),
-            (lambda: RayMeshIntersector(empty).contains_points([[0, 0, 0]]), MeshError, "without faces contains no"),
-            (lambda: RayMeshIntersector(box, layout="bvh3"), ConfigError, "layout"),
-            (lambda: RayMeshIntersector(box, layout=[]), ConfigError, "layout"),
-            (lambda: ProximityQuery(box, device=0.0), ConfigError, "device must be"),
-            (lambda: install(device={}), ConfigError, r"device must be a clbvh\.DeviceInfo, a number, a name or None"),
-        ]
-        for call, error, words in rows:
-            with pytest.raises(error, match=words):
-                call()
-        assert not is_installed()
-        for wrong in (None, 7, [], (1, 2, 3), np.zeros((3, 3))):
-            with pytest.raises(MeshError):
-                RayMeshIntersector(wrong)
+
+def test_what_is_refused(box):
+    ray, query, at = box.ray, box.nearest, [[0, 0, 0.5]]
+    empty, scene = trimesh.Trimesh(), trimesh.Scene()
+    thickness = clbvh.integrations.trimesh.thickness
+    rows = [
+        (lambda: ray.intersects_id(at, [[0, 0, 1]] * 2), QueryError, "Ray origin and direction don't"),
+        (lambda: ray.intersects_first([0, 0, 5], [0, 0, -1]), ValueError, "shape"),
+        (lambda: ray.contains_points([0, 0, 0]), QueryError, r"points must be \(n,3\)"),
+        (lambda: RayMeshIntersector(empty).intersects_any(*DOWN), MeshError, "faces|vertices"),
+        (lambda: RayMeshIntersector(empty).contains_points(at), MeshError, "without faces contains no"),
+        (lambda: RayMeshIntersector(7), MeshError, "expected a"),
+        (lambda: RayMeshIntersector(box, layout="bvh3"), ConfigError, "layout"),
+        (lambda: RayMeshIntersector(box, device="no such board").intersects_any(*DOWN), DeviceError, "no such board"),
+        (lambda: ProximityQuery(box, device=0.0), ConfigError, "device must be"),
+        (lambda: thickness(box, at, normals=[0, 0, 1]), QueryError, r"normals must be \(n,3\)"),
+        (lambda: thickness(box, at, normals=at * 2), QueryError, "as many as the 1 points, not 2"),
+        (lambda: thickness(box, at, method="sphere"), ConfigError, "'max_sphere' or 'ray', not 'sphere'"),
+        (lambda: query.vertex([[0, 0, 0], [0, np.inf, 0]]), QueryError, r"points\[1\] is not finite"),
+        (lambda: query.on_surface([[np.nan, 0, 0]]), QueryError, "not finite"),
+        (lambda: ProximityQuery(empty).vertex(at), QueryError, "without vertices"),
+        (lambda: SceneRay(box), SceneError, "expected a trimesh.Scene, not Trimesh: for one"),
+        (lambda: SceneRay(scene).intersects_any(*DOWN), SceneError, "no node with a triangle mesh"),
+    ]
+    for call, error, words in rows:
+        with pytest.raises(error, match=words):
+            call()
 
 
-def test_every_surface_is_hit_once_on_edges_and_vertices_and_at_any_scale(box):
-    sides = np.array([[x, y, 5] for x in (-0.5, 0, 0.5) for y in (-0.5, 0, 0.5)])
-    down = np.tile([0.0, 0.0, -1.0], (9, 1))
-    assert box.ray.intersects_any(sides, down).all()
-    assert np.bincount(box.ray.intersects_id(sides, down)[1]).tolist() == [2] * 9
-    # From the middle through each vertex.
-    fine = RayMeshIntersector(trimesh.creation.box(extents=[40, 40, 40]).subdivide_to_size(20))
-    targets = trimesh.creation.box(extents=[60, 60, 60]).subdivide_to_size(20).vertices
-    assert fine.intersects_id(np.zeros_like(targets), targets)[1].tolist() == list(range(len(targets)))
-    # From on the surface through the whole box.
+def test_a_ray_from_on_the_surface_meets_both_sides_at_any_scale(session):
     for scale in (1e-6, 1.0, 1e8):
-        scaled = RayMeshIntersector(trimesh.creation.box().subdivide().subdivide().apply_scale(scale))
+        scaled = RayMeshIntersector(trimesh.creation.box().subdivide().apply_scale(scale))
         assert len(scaled.intersects_id([[0, 0, scale / 2]], [[0, 0, -1]])[0]) == 2, scale
 
 
@@ -183,20 +164,6 @@ class TestContains:
         assert contains.dtype == bool
         np.testing.assert_array_equal(contains[sure], (radius < 0.3)[sure])
         np.testing.assert_array_equal(torus.contains(points), contains)
-
-    def test_a_hollow_is_outside(self, box):
-        inner = trimesh.creation.box(extents=[0.2] * 3)
-        inner.invert()
-        hollow = RayMeshIntersector(trimesh.util.concatenate([box, inner]))
-        assert hollow.contains_points([[0, 0, 0], [0.3, 0.2, 0.1], [2, 0, 0]]).tolist() == [False, True, False]
-
-    def test_where_there_and_back_disagree_another_direction_decides(self, box):
-        point = 3 * GENERIC_DIRECTIONS[0]
-        across = np.linalg.svd(point[None])[2][1:]
-        stray = trimesh.Trimesh(point + 0.5 * np.array([across[0], across[1], -across[0] - across[1]]), [[0, 1, 2]])
-        engine = RayMeshIntersector(trimesh.util.concatenate([box, stray]))
-        assert engine.intersects_id([[0, 0, 0]], [point])[1].tolist() == [0, 0]
-        assert engine.contains_points([[0, 0, 0]])[0]
 
     def test_through_a_hole_points_get_outside(self, session):
         mesh = trimesh.creation.icosphere()
@@ -256,18 +223,6 @@ class TestChanges:
             assert work == []
             check_same(answers, ask_new(torus))
 
-    def test_a_device_without_room_opens_another_tracer(self, torus, work, monkeypatch):
-        def refuse(self, vertices):
-            raise DeviceError("no room")
-
-        ask(torus)
-        wobble(torus, 0)
-        work.clear()
-        monkeypatch.setattr(Tracer, "update", refuse)
-        answers = ask(torus)
-        assert work == ["Tracer"]
-        check_same(answers, ask_new(torus))
-
     def test_after_a_close_an_engine_opens_again(self, torus):
         for frame in range(2):
             before = ask(torus)
@@ -294,20 +249,6 @@ class TestChanges:
             torus.ray.intersects_first(*MOVING_RAYS)
             torus.vertices = vertices
             check_same(ask(torus), before)
-
-    @pytest.mark.parametrize("is_open", [True, False])
-    def test_a_worn_tree_is_built_again(self, torus, work, is_open):
-        ask(torus)
-        torus.vertices = np.random.default_rng(102).permutation(np.array(torus.vertices))
-        if not is_open:
-            assert torus.ray._tracer.give_way()
-        work.clear()
-        check_same(ask(torus), ask_new(torus))
-        assert work[:2] == ["build", "Tracer"]
-        work.clear()
-        torus.apply_translation([0.1, 0, 0])
-        ask(torus)
-        assert work == []
 
     def test_wear_counts_from_the_build(self, torus, work):
         """A tracer that is opened over a refitted tree begins with its growth, not with 1."""
@@ -363,51 +304,13 @@ class TestChanges:
             for answer in run_in_threads(*[lambda: ask(torus)] * 4):
                 check_same(answer, expected)
 
-    def test_a_second_copy_counts_as_memory(self, torus, monkeypatch):
-        """The memory bound is checked at the first update, which takes memory, and at no later one."""
-        looked, make_room = [], tracers.make_room
-        monkeypatch.setattr(tracers, "make_room", lambda *newest: looked.append(newest) or make_room(*newest))
-        counts = []
-        for frame in range(4):
-            torus.ray.intersects_first(*DOWN)
-            counts.append(len(looked))
-            wobble(torus, frame)
-        assert counts == [1, 2, 2, 2]
-
 
 def test_meshes_of_other_forms(box, tmp_path):
     arrays = np.array(box.vertices), np.array(box.faces)
     box.export(tmp_path / "box.ply")
-    for thing in (clbvh.Mesh.from_arrays(*arrays), arrays, tmp_path / "box.ply", str(tmp_path / "box.ply")):
-        engine = RayMeshIntersector(thing)
-        locations, index_ray, index_tri = engine.intersects_location(*DOWN)
+    for thing in (clbvh.Mesh.from_arrays(*arrays), arrays, str(tmp_path / "box.ply")):
+        locations, index_ray, index_tri = RayMeshIntersector(thing).intersects_location(*DOWN)
         assert index_ray.tolist() == [0, 0]
         np.testing.assert_allclose(locations, [[0.1, 0.2, 0.5], [0.1, 0.2, -0.5]], atol=1e-7)
-        np.testing.assert_allclose(engine.mesh.face_normals[index_tri][:, 2], [1, -1])
-        assert engine.contains_points([[0, 0, 0], [2, 0, 0]]).tolist() == [True, False]
+        assert len(set(index_tri)) == 2
         assert ProximityQuery(thing).signed_distance([[0, 0, 0.4], [0, 0, 2]]) == pytest.approx([0.1, -1.5])
-    # Faces keep their numbers where some are degenerate and vertices are doubled.
-    vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
-    engine = RayMeshIntersector((vertices, [[0, 1, 2], [0, 0, 1], [4, 5, 6]]))
-    assert engine.intersects_first([[0.2, 0.2, 5], [0.2, 0.2, -5]], [[0, 0, -1], [0, 0, 1]]).tolist() == [2, 0]
-
-
-def test_copies_and_pickles_have_an_engine_of_their_own(box):
-    box.ray = RayMeshIntersector(box, layout="bvh4")
-    assert box.ray.intersects_any(*DOWN)[0]
-    for other in (copy.copy(box.ray), copy.deepcopy(box.ray)):
-        assert other.mesh is box
-        assert other.intersects_any(*DOWN)[0]
-    loaded = pickle.loads(pickle.dumps(box))
-    assert "layout='bvh4'" in repr(loaded.ray)
-    loaded.apply_translation([10, 0, 0])
-    assert not loaded.ray.intersects_any(*DOWN)[0]
-    assert box.ray.intersects_any(*DOWN)[0]
-
-
-def test_an_engine_is_named_by_its_device_and_layout(box, session):
-    assert "layout='auto'" in repr(RayMeshIntersector(trimesh.creation.box()))
-    assert "no such board" in repr(RayMeshIntersector(box, device="no such board"))
-    box.ray.intersects_any(*DOWN)
-    assert session.info.name in repr(box.ray)
-    assert f"layout={session.info.layout!r}" in repr(box.ray)

@@ -1,20 +1,16 @@
 """The ray engine of a scene of trimesh: against its flattened mesh, and that it follows a scene that changes."""
 
 import copy
-import inspect
 import pickle
-import threading
 
 import numpy as np
 import pytest
 import trimesh
 
 from clbvh import Scene
-from clbvh.errors import ConfigError, MeshError, QueryError, SceneError
+from clbvh.errors import SceneError
 from clbvh.integrations.trimesh import RayMeshIntersector, SceneRay, tracers
 from clbvh.trace.tracer import Tracer
-
-from ..concurrency.threads import run_in_threads
 
 TO = trimesh.transformations.translation_matrix
 # Rays near an edge may hit either side of it: transformed vertices are rounded.
@@ -102,14 +98,6 @@ def check_like_flattened(ray, rays):
 
 
 class TestContract:
-    def test_arguments_are_those_of_the_engine_of_a_mesh(self):
-        for name in ("intersects_location", "intersects_id", "intersects_first", "intersects_any", "contains_points"):
-            ours, theirs = (
-                [(each.name, each.default) for each in inspect.signature(getattr(owner, name)).parameters.values()]
-                for owner in (SceneRay, RayMeshIntersector)
-            )
-            assert ours == theirs, name
-
     def test_hits_are_those_of_the_flattened_mesh(self, ray, rays):
         check_like_flattened(ray, rays)
 
@@ -143,7 +131,6 @@ class TestContract:
             for more in ({}, {"multiple_hits": False}, {"max_hits": 0}):
                 found = ray.intersects_id(*rays, return_locations=True, **more)
                 assert [each.shape for each in found] == [(0,), (0,), (0,), (0, 3)]
-            assert not ray.intersects_any(*rays).any()
 
     def test_contains_points(self, ray, scene):
         points = np.random.default_rng(3).uniform(-1.5, 2.5, (3000, 3))
@@ -152,19 +139,6 @@ class TestContract:
         assert (inside.sum(axis=0) == 2).sum() > 10  # where parity of all crossings would be wrong
         np.testing.assert_array_equal(ray.contains_points(points), inside.any(axis=0))
         assert ray.contains_points(np.empty((0, 3))).shape == (0,)
-
-    def test_what_is_refused(self, scene):
-        empty, ray = SceneRay(trimesh.Scene()), SceneRay(scene)
-        rows = [
-            (lambda: SceneRay(trimesh.creation.box()), SceneError, "expected a trimesh.Scene, not Trimesh: for one"),
-            (lambda: SceneRay(scene, layout="bvh3"), ConfigError, "layout"),
-            (lambda: ray.intersects_any([[0, 0, 0]], [[0, 0, 1]] * 2), QueryError, "don't match"),
-            (lambda: ray.contains_points([0, 0, 0]), QueryError, r"points must be \(n,3\)"),
-            (lambda: empty.intersects_any([[0, 0, 0]], [[0, 0, 1]]), SceneError, "no node with a triangle mesh"),
-        ]
-        for call, error, words in rows:
-            with pytest.raises(error, match=words):
-                call()
 
     def test_copies(self, ray, rays):
         expected = ray.intersects_first(*rays)
@@ -220,7 +194,7 @@ class TestChanges:
             ray.scene.graph.update("crate", matrix=TO([2.0, 0.3, 0]))
             check_same(ray.intersects_first(*rays), before)
 
-    def test_errors_name_the_node_and_pass(self, ray, rays):
+    def test_an_error_names_the_node_and_passes(self, ray, rays):
         before, graph = ray.intersects_first(*rays), ray.scene.graph
         place = np.array(graph["ball"][0])
         graph.update("ball", matrix=np.diag([1.0, 0, 1, 1]))
@@ -228,13 +202,6 @@ class TestChanges:
             with pytest.raises(SceneError, match="the transform of the node 'ball' is singular"):
                 ray.intersects_any(*rays)
         graph.update("ball", matrix=place)
-        box = ray.scene.geometry["box"]
-        vertices = np.array(box.vertices)
-        box.vertices = np.where(np.arange(len(vertices))[:, None] == 3, np.nan, vertices)
-        for _ in range(2):
-            with pytest.raises(MeshError, match="vertex 3"):
-                ray.intersects_any(*rays)
-        box.vertices = vertices
         check_same(ray.intersects_first(*rays), before)
 
     @pytest.mark.parametrize("is_done", [True, False])
@@ -259,23 +226,3 @@ class TestChanges:
         box.vertices = vertices
         ray.scene.graph.update("crate", matrix=TO([2.0, 0.3, 0]))
         check_same(ray.intersects_first(*rays), before)
-
-    def test_a_tracer_that_another_thread_closes(self, ray, rays):
-        expected, is_over = ray.intersects_first(*rays), threading.Event()
-
-        def close():
-            while not is_over.wait(0.01):
-                ray.close()
-                ray._tracer.give_way()
-
-        def trace():
-            for _ in range(5):
-                check_same(ray.intersects_first(*rays), expected)
-
-        closer = threading.Thread(target=close)
-        closer.start()
-        try:
-            run_in_threads(*[trace] * 3)
-        finally:
-            is_over.set()
-            closer.join()
