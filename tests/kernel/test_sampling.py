@@ -63,49 +63,13 @@ def test_pairs_seeds_and_numbers_are_independent(draw):
     assert np.abs(correlation).max() < 6 / np.sqrt(count)
 
 
-@pytest.fixture
-def bits_of(call):
-    """A function from numbers to their hashes, reversed bits, reversed second Sobol dimensions, and scrambled bits."""
+def test_a_scrambled_bit_depends_on_those_above_it_and_on_itself_alone(call):
+    def scramble(numbers):
+        return call("sampling/sampler.cl", "bits = scramble(number, seed);", "uint bits", number=numbers, seed=seeds)
 
-    def run(numbers, seed=0):
-        body = """
-            bits = (uint4)(hash_number(number), reverse_bits(number), sobol_second_reversed(number),
-                scramble(number, seed));
-        """
-        seeds = np.atleast_1d(np.uint32(seed))
-        return call("sampling/sampler.cl", body, "uint4 bits", number=np.uint32(numbers), seed=seeds).T
-
-    return run
-
-
-def reverse_bits(x):
-    return np.array([int(f"{value:032b}"[::-1], 2) for value in x.tolist()], np.uint32)
-
-
-def hash_number(x):
-    x = (x ^ (x >> np.uint32(16))) * np.uint32(0x21F0AAAD)
-    x = (x ^ (x >> np.uint32(15))) * np.uint32(0xD35A2D97)
-    return x ^ (x >> np.uint32(15))
-
-
-def test_bits_are_those_of_numpy(bits_of):
-    numbers = np.random.default_rng(21).integers(0, 1 << 32, 4000, dtype=np.uint32)
-    hashed, reversed_bits, _, _ = bits_of(numbers)
-    np.testing.assert_array_equal(hashed, hash_number(numbers))
-    np.testing.assert_array_equal(reversed_bits, reverse_bits(numbers))
-    # The direction numbers of the primitive polynomial x + 1 (Sobol, 1967): m becomes 2 m ^ m.
-    indices = np.arange(1 << 12)
-    expected, number = np.zeros(len(indices), np.uint32), 1
-    for bit in range(12):
-        expected ^= np.where(indices >> bit & 1, np.uint32(number << (31 - bit)), np.uint32(0))
-        number ^= 2 * number
-    np.testing.assert_array_equal(reverse_bits(bits_of(indices)[2]), expected)
-
-
-def test_a_scrambled_bit_depends_on_those_above_it_and_on_itself_alone(bits_of):
     numbers, seeds = np.random.default_rng(22).integers(0, 1 << 32, (2, 500), dtype=np.uint32)
     for bit in range(32):
-        changed = bits_of(numbers, seeds)[3] ^ bits_of(numbers ^ np.uint32(1 << bit), seeds)[3]
+        changed = scramble(numbers) ^ scramble(numbers ^ np.uint32(1 << bit))
         assert (changed >> np.uint32(bit) == 1).all()
         # Each bit below is swapped for about half of the numbers.
         for below in range(max(bit - 12, 0), bit - 1):
@@ -115,34 +79,18 @@ def test_a_scrambled_bit_depends_on_those_above_it_and_on_itself_alone(bits_of):
 SIDE = 8
 
 
-def draw_on_screen(call, columns, rows, samples, seed=0):
-    """Samples of pixels, and where in the pixel they are before the filter."""
-    begin = np.stack(np.broadcast_arrays(columns, rows, samples, seed), axis=-1).reshape(-1, 4).astype(np.uint32)
-    body = """
-        sobol_sampler_t sampler = make_screen_sampler(begin.x, begin.y, begin.z, begin.w);
-        drawn = sample_2d(&sampler);
-        pattern = pattern_point(begin.z);
-    """
-    return call("film/pixel.cl sampling/screen.cl", body, "float2 drawn, float2 pattern", begin=begin)
-
-
 @pytest.mark.parametrize("corner", [(0, 0), (SIDE, 3 * SIDE), (16384 - SIDE, 0)])
 def test_the_pixels_of_a_square_share_out_the_points(call, corner):
     columns, rows = (begin + np.arange(SIDE) for begin in corner)
-    points, _ = draw_on_screen(call, *np.meshgrid(columns, rows, np.arange(8), indexing="ij"), seed=5)
+    begin = np.stack(np.meshgrid(columns, rows, np.arange(8), [5]), axis=-1).reshape(-1, 4).astype(np.uint32)
+    body = """
+        sobol_sampler_t sampler = make_screen_sampler(begin.x, begin.y, begin.z, begin.w);
+        drawn = sample_2d(&sampler);
+    """
+    points = call("film/pixel.cl sampling/screen.cl", body, "float2 drawn", begin=begin)
     # 512 points, one in each cell of a grid of 16 x 32, and of one of 32 x 16.
     assert (count_in_cells(points, 16, 32) == 1).all()
     assert (count_in_cells(points, 32, 16) == 1).all()
-
-
-def test_the_pattern_begins_at_the_centre_and_is_evenly_spread(call):
-    _, pattern = draw_on_screen(call, 0, 0, np.arange(4096))
-    assert (pattern[0] == 0.5).all()
-    golden = np.array([0.7548776662466927, 0.5698402909980532])
-    distance = np.abs(pattern - (0.5 + np.arange(4096)[:, None] * golden) % 1)
-    assert np.minimum(distance, 1 - distance).max() < 2e-6
-    counts = count_in_cells(pattern, 16, 16)
-    assert 13 <= counts.min() <= counts.max() <= 19
 
 
 ROWS = 1024

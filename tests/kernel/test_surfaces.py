@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clbvh.structs import INSTANCE, SPHERE, VIEW
+from clbvh.structs import INSTANCE, SPHERE
 
 from ..rays import as_float32
 from .programs import make_rays, make_triangles
@@ -244,27 +244,3 @@ def test_srgb_is_that_of_the_standard(call):
     linear = np.concatenate((np.linspace(0, 1.5, 30_000), np.geomspace(1e-6, 1000, 30_000))).astype(np.float32)
     encoded = call("shading/shade.cl", "encoded = encode_srgb(linear);", "float3 encoded", linear=linear.reshape(-1, 3))
     np.testing.assert_allclose(encoded.ravel(), encode_srgb(linear.astype(np.float64)), rtol=0, atol=SRGB_ERROR)
-
-
-def test_lambert_is_a_light_and_a_sky(call):
-    generator = np.random.default_rng(71)
-    view = np.zeros(1, VIEW)
-    for name in ("to_light", "to_sky"):
-        view[name] = unit(generator.normal(size=(1, 3)))
-    for name in ("light_colour", "sky_colour", "ground_colour", "surface_colour"):
-        view[name] = generator.uniform(0.05, 1, 3)
-    of = {name: view[name][0].astype(np.float64) for name in VIEW.names}
-    normals = unit(generator.normal(size=(5000, 3))).astype(np.float32)
-    body = """
-        lit = shade_lambert(view, load3(view->surface_colour), normal, true);
-        unlit = shade_lambert(view, load3(view->surface_colour), normal, false);
-    """
-    lit, unlit = call("shading/shade.cl", body, "float3 lit, float3 unlit", normal=normals, tables={"view": view})
-    up = 0.5 + 0.5 * (normals @ of["to_sky"])[:, None]
-    ambient = of["ground_colour"] + (of["sky_colour"] - of["ground_colour"]) * up
-    directed = np.maximum(normals @ of["to_light"], 0)[:, None] * of["light_colour"]
-    # The encoding is at most 12.92 times as steep as the light.
-    error = SRGB_ERROR + 12.92 * 1e-6
-    expected = encode_srgb((ambient + directed) * of["surface_colour"])
-    np.testing.assert_allclose(lit, expected, rtol=0, atol=error)
-    np.testing.assert_allclose(unlit, encode_srgb(ambient * of["surface_colour"]), rtol=0, atol=error)
