@@ -139,22 +139,6 @@ def test_lamps_light_a_floor_by_their_configuration_factor():
         check_mean(render_film((scene, view)), 5 * share, 2e-3)
 
 
-def test_a_lamp_over_a_rough_metal():
-    """Light that is drawn and light that is found add up: an integral over the lamp."""
-    alpha, cosine, half, count = 0.25, 0.6, 0.7, 400
-    metal = Material(base_colour=WHITE, metallic=1, roughness=0.5)
-    scene = make_scene(square(metal, 30), square(lamp(1), half, 1.0), samples=512, **view_at(cosine, 1.2))
-    place = half * ((2 * np.arange(count) + 1) / count - 1)
-    x, z = np.meshgrid(place, place)
-    squared = x**2 + 1 + z**2
-    to_light = np.stack([x, np.ones_like(x), z], axis=-1) / np.sqrt(squared)[..., None]
-    facet = np.add(to_light, [np.sqrt(1 - cosine**2), cosine, 0])
-    facet /= np.linalg.norm(facet, axis=-1, keepdims=True)
-    density, light_y = alpha**2 / np.pi / (1 + facet[..., 1] ** 2 * (alpha**2 - 1)) ** 2, to_light[..., 1]
-    value = density / (4 * cosine * light_y * (1 + shadowing(cosine, alpha) + shadowing(light_y, alpha)))
-    check_mean(render_film(scene), (value * light_y**2 / squared).sum() * (2 * half / count) ** 2, 3e-3)
-
-
 def test_the_sun_on_a_floor_in_mirrors_and_on_the_ground():
     """A disk of directions around that of the light; its mean cosine to the middle is a little below 1."""
     colour = np.array([2, 1, 0.5])

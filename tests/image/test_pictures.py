@@ -10,7 +10,7 @@ import clbvh
 from clbvh import Camera, ConfigError, Renderer, RenderOptions, Scene, Spheres, ValidationError
 from clbvh.builders.build import BUILDERS
 from clbvh.choices import REPORT_SHADINGS
-from clbvh.rendering import built_scene, painters, picture as picture_module
+from clbvh.rendering import built_scene, painters
 
 VIEW = clbvh.View(width=96, height=64, up="y")
 SIZE = {"width": 64, "height": 48}
@@ -72,20 +72,6 @@ def same_picture(one, other):
 def test_each_shading_looks_as_it_did(renderer, shading, compare_with_reference):
     picture = renderer.render(shading=shading)
     compare_with_reference(f"{renderer.kind}-{shading.replace('+', '-')}", picture.rgb)
-
-
-def test_hits_are_those_of_the_tracer(renderer, source, open_tracer, monkeypatch):
-    picture = renderer.render(shading="normal")
-    traced, hits = open_tracer(source).closest_hit(*picture.camera.rays(96, 64)), picture.hits
-    assert set(np.unique(hits.instance_id)) == ({-1, 0} if renderer.kind == "knot" else {-1, 0, 1, 2, 3})
-    same = (traced.instance_id == hits.instance_id) & (traced.prim_id == hits.prim_id)
-    # The kernel makes its rays in float32: at an edge the neighbour may be hit.
-    assert same.mean() > 0.995
-    monkeypatch.setattr(picture_module, "_CHUNK_PIXELS", 96 * 7)
-    by_rows = picture_module.refine_pixels(picture.scene.surface, picture.camera, picture.found)
-    for name in ("t", "u", "v", "geometry_id", "is_front"):
-        assert np.array_equal(getattr(traced, name)[same], getattr(hits, name)[same]), name
-        assert np.array_equal(getattr(by_rows, name), getattr(hits, name)), name
 
 
 def test_pixels_depend_neither_on_trees_nor_on_layouts_nor_on_bands(renderer, source, tmp_path, monkeypatch):

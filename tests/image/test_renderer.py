@@ -4,13 +4,12 @@ import threading
 
 import numpy as np
 import pytest
-import trimesh
 
 import clbvh
-from clbvh import Camera, Light, Renderer, RenderOptions, Scene, SceneError
+from clbvh import Camera, Light, Renderer, Scene, SceneError
 from clbvh.device import program
 from clbvh.device.session import DeviceSession
-from clbvh.errors import MeshError, QueryError
+from clbvh.errors import QueryError
 from clbvh.rendering import painters
 
 from ..concurrency.threads import run_in_threads
@@ -61,28 +60,6 @@ def test_timings_are_those_of_the_picture_alone(renderer):
     assert list(picture.timings) == list(renderer.timings) == list(once.timings) == phases
     assert picture.timings["kernel"] > 0
     assert picture.timings["build"] == picture.timings["load"] == picture.timings["compile"] == 0
-
-
-def test_all_that_is_a_mesh_is_drawn(tmp_path):
-    ball, path = clbvh.make_shape("icosphere", triangles=320), tmp_path / "sphere.ply"
-    solid = trimesh.Trimesh(ball.vertices, ball.faces, process=False)
-    solid.export(path)
-    tree, arrays = clbvh.build(ball), (ball.vertices, ball.faces)
-    for source in (ball, solid, arrays, str(path), path, tree, Scene(arrays), Scene(path)):
-        # A PLY of trimesh is in float32.
-        assert abs(clbvh.render(source, width=64, height=48, shading="normal").hits.count - 1565) < 3, source
-    assert clbvh.render(tree, width=16, height=9).bvh is tree
-
-
-def test_what_cannot_be_drawn_is_said_before_a_fault_of_the_device(tmp_path):
-    sources = [None, 5, np.eye(3), [], {"mesh": 1}, b"knot", (1, 2, 3)]
-    rows = [(source, MeshError, r"expected .*a clbvh\.Mesh, .*, not") for source in sources]
-    rows += [(tmp_path / "missing.ply", MeshError, "no such"), (tmp_path / "missing.toml", SceneError, "no such file")]
-    for source, error, words in [*rows, (KNOT, clbvh.DeviceError, "no such device")]:
-        with pytest.raises(error, match=words):
-            Renderer(source, options=RenderOptions(device="no such device"))
-    with pytest.raises(SceneError, match="the scene is empty"):
-        Renderer(Scene())
 
 
 def test_a_renderer_has_the_objects_of_its_beginning():

@@ -35,15 +35,6 @@ def test_rays_fill_the_field_of_view_from_the_upper_left_to_the_lower_right():
     assert_allclose(slopes[:, 0, 1], [2 / 3, 0, -2 / 3], atol=1e-15)
 
 
-def test_rows_may_be_in_any_order():
-    whole = CAMERA.rays(8, 6)[1]
-    np.testing.assert_array_equal(CAMERA.rays(8, 6, range(5, -1, -2))[1], whole[5::-2])
-    assert CAMERA.rays(8, 6, range(0))[1].shape == (0, 8, 3)
-    for rows in (range(4, 7), range(-1, 2), [1, 2], 3):
-        with pytest.raises(SceneError, match="the rows of a picture of 6 rows"):
-            CAMERA.rays(8, 6, rows)
-
-
 def test_an_orbit_turns_counterclockwise_around_the_point_looked_at():
     assert_allclose(Camera((0, 0, 5), (0, 0, 0)).orbit(90).eye, [5, 0, 0], atol=1e-15)
     for degrees in (-200, 0, 33, 1e6):

@@ -7,21 +7,10 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 
-from clbvh import ConfigError, Mesh, SceneError
+from clbvh import ConfigError, SceneError
 from clbvh.rendering import image_files as files
-from clbvh.trace.hits.hits import Hits
-from clbvh.trace.hits.surface import Surface
 
 RGB = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
-
-
-def make_hits():
-    """Hits on meshes without parts, with two and with three, and a miss."""
-    parts = [[(name, face, face + 1) for face, name in enumerate(names)] for names in ("", "ab", "cde")]
-    meshes = [Mesh.from_arrays(np.eye(3), [[0, 1, 2]] * (number + 1), parts=each) for number, each in enumerate(parts)]
-    surface = Surface.from_shapes(meshes, ("a", "b", "c"), np.arange(3), np.tile(np.eye(4), (3, 1, 1)))
-    ids, prims = np.array([0, 1, 2, 2, -1], np.int32), np.array([0, 1, 0, 2, -1], np.int32)
-    return Hits(*np.random.default_rng(0).random((3, 5)), prims, surface=surface, known_instance_id=ids)
 
 
 def test_a_picture_reads_back_as_it_was_or_close_to_it(tmp_path):
@@ -38,18 +27,6 @@ def test_a_picture_reads_back_as_it_was_or_close_to_it(tmp_path):
     # A new file has the rights of any other.
     (tmp_path / "other").touch()
     assert (tmp_path / "a.ppm").stat().st_mode == (tmp_path / "other").stat().st_mode
-
-
-def test_hits_read_back_with_the_names_of_all_parts(tmp_path):
-    hits = make_hits()
-    files.write_hits(tmp_path / "h.npz", hits, ("a", "b", "c"), ("a", "b 2", "\u00e9"))
-    with np.load(tmp_path / "h.npz") as loaded:
-        for name in ("geometry_id", "instance_id", "prim_id", "t", "u", "v"):
-            expected = np.asarray(getattr(hits, name))
-            assert (loaded[name].dtype, loaded[name].tolist()) == (expected.dtype, expected.tolist())
-        assert loaded["instance_names"].tolist() == ["a", "b 2", "\u00e9"]
-        assert loaded["part_id"].tolist() == [-1, 1, 2, 4, -1]
-        assert loaded["part_names"].tolist() == ["a", "b", "c", "d", "e"]
 
 
 def test_other_names_are_refused_before_the_work(tmp_path):

@@ -116,20 +116,6 @@ def test_normals_face_the_camera(images):
         np.testing.assert_allclose(images[f"{name}_camera"], expected @ POSE[:3, :3], atol=2e-6)
 
 
-@pytest.mark.parametrize("move", [Transform(), Transform(scale=(1, 2, 1), rotate=(0, 0, 30))])
-def test_shading_normals_are_smooth_up_to_a_crease(move):
-    scene = Scene()
-    scene.place(scene.add(clbvh.make_shape("icosphere", triangles=320)), move)
-    images = clbvh.render_images(scene, ("shading_normal", "normal", "position"), width=40, height=30)
-    seen = np.isfinite(images["position"]).all(axis=-1)
-    inverse = np.linalg.inv(move.matrix[:3, :3])
-    outwards = images["position"][seen] @ inverse.T @ inverse  # the gradient of |M^-1 x|^2
-    outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
-    cosines = np.einsum("ij,ij->i", images["shading_normal"][seen], outwards)
-    assert np.quantile(cosines, 0.02) > 0.99
-    assert np.quantile(np.einsum("ij,ij->i", images["normal"][seen], outwards), 0.02) < cosines.min()
-
-
 def test_texture_and_barycentric_coordinates(renderer, images):
     seen, hits = INSTANCE == 2, renderer.render(camera=CAMERA).hits
     np.testing.assert_allclose(images["uv"][seen], images["position"][seen][:, :2] / 8 + 0.5, atol=1e-6)
@@ -191,11 +177,3 @@ def test_other_channels_and_poses_are_refused(renderer):
     assert tuple(renderer.images(["range", "depth", "range"], camera=CAMERA)) == ("range", "depth")
     with pytest.raises(KeyError, match="the images have the channels depth"):
         renderer.images("depth", camera=CAMERA)["normal"]
-
-
-def test_geometry_alone_casts_one_ray_and_none_to_the_light(renderer, monkeypatch):
-    views, render = [], renderer.render
-    monkeypatch.setattr(renderer, "render", lambda view, **given: views.append(view) or render(view, **given))
-    for channels in (("depth", "normal"), ("depth", "alpha"), ("depth", "rgb")):
-        renderer.images(channels, camera=CAMERA, shading="studio", samples=2)
-    assert [(view.shading, view.samples) for view in views] == [("normal", None), ("studio", 2), ("studio", 2)]

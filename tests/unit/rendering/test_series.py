@@ -50,16 +50,6 @@ def test_a_sheet_has_the_views_in_their_places_whole_and_at_one_scale(sheet, tmp
         np.testing.assert_array_equal(np.asarray(image), sheet.rgb)
 
 
-def test_a_sheet_of_any_size_and_source(sheet):
-    for scale in (1e-30, 1e30):
-        other = clbvh.contact_sheet((BOX[0] * scale, BOX[1]), width=WIDTH, height=HEIGHT, shading="lambert", up="y")
-        np.testing.assert_array_equal(other.pictures["front"].alpha, sheet.pictures["front"].alpha)
-    view = clbvh.View(eye=(0, 0, 9), transparent=True, shading="lambert", up=(0, 0, 1))
-    turned = clbvh.contact_sheet(clbvh.build(BALL), view, width=20, height=20)
-    assert turned.rgb.shape[1:] == (80, 3)
-    assert turned.pictures["top"].camera.axes()[2].tolist() == [0, 0, -1]
-
-
 @pytest.fixture
 def frames(monkeypatch):
     """The frames that are written, behind their rate."""
