@@ -8,7 +8,6 @@ import pytest
 import clbvh
 from clbvh import Appearance, Material, Mesh, SceneError, Spheres, View
 from clbvh.rendering.environment_map import find_axes, make_environment_tables, solid_angles
-from clbvh.rendering.image_files import write_exr
 
 PIXELS = np.arange(24.0).reshape(2, 4, 3)
 MATT = Material(base_colour=(1, 1, 1), roughness=1.0, ior=1.0)
@@ -16,12 +15,7 @@ MIRROR = Material(base_colour=(1, 1, 1), metallic=1.0, roughness=0.0)
 FROM_ABOVE = {"eye": (0, 5, 0.01), "look_at": (0, 0, 0), "fov": 20}
 
 
-def write_map(path, pixels=PIXELS):
-    with path.open("wb") as file:
-        write_exr(file, {name: pixels[..., index].astype(np.float32) for index, name in enumerate("RGB")})
-
-
-def test_a_map_is_a_value_that_is_copied_or_read_when_it_is_needed(tmp_path):
+def test_a_map_is_a_value_that_is_copied():
     pixels = PIXELS.copy()
     view = View(environment=pixels)
     pixels[:] = -1
@@ -29,16 +23,6 @@ def test_a_map_is_a_value_that_is_copied_or_read_when_it_is_needed(tmp_path):
     assert view == View(environment=PIXELS.tolist()) != View(environment=PIXELS + 1)
     assert hash(view) == hash(View(environment=PIXELS))
     assert pickle.loads(pickle.dumps(view)) == view
-    # A scene file names a map beside it, and a saved scene holds the pixels.
-    text = '[[object]]\nshape = "icosphere"\n[view]\nenvironment = "map.exr"\nenvironment_strength = 2.5\n'
-    (tmp_path / "a.toml").write_text(text)
-    scene, view = clbvh.open_scene(tmp_path / "a.toml")
-    write_map(tmp_path / "map.exr")
-    clbvh.save_scene(tmp_path / "a.scene", scene, view)
-    (tmp_path / "map.exr").unlink()
-    loaded = clbvh.open_scene(tmp_path / "a.scene")[1]
-    np.testing.assert_array_equal(loaded.environment.pixels, PIXELS)
-    assert loaded.environment_strength == 2.5
 
 
 def test_pixels_that_are_no_light_are_refused():
@@ -93,8 +77,11 @@ PLANE = Mesh.from_arrays(
 
 
 def test_a_white_ball_is_invisible_in_a_white_furnace_and_black_in_the_dark():
-    film = film_of(environment=np.ones((4, 8, 3)), max_bounces=50)
-    np.testing.assert_allclose(film.mean(axis=(0, 1)), 1, rtol=2e-3)
+    ball = clbvh.make_shape("icosphere", triangles=80)  # few triangles with smooth normals
+    smooth = Mesh.from_arrays(ball.vertices, ball.faces, appearance=Appearance(materials=(MATT,)))
+    for source in (None, smooth):
+        film = film_of(source=source, environment=np.ones((4, 8, 3)), max_bounces=50)
+        np.testing.assert_allclose(film.mean(axis=(0, 1)), 1, rtol=2e-3)
     assert not film_of(environment=np.zeros((2, 2, 3)), samples=2).any()
     assert not film_of(environment=np.ones((2, 2, 3)), environment_strength=0, samples=2).any()
 
@@ -133,9 +120,4 @@ def test_a_panorama_camera_sees_the_map_and_a_mirror_what_is_behind_the_camera()
     # Seen along -x from +x: the middle of the ball reflects +x, the boundary of red and green. To the picture's right
     # is -z, which is left of the middle in the map: red.
     film = film_of(MIRROR, environment=quadrants(), eye=(9, 0, 0), look_at=(0, 0, 0), fov=15, samples=16)
-    for column, channel in ((28, 0), (20, 1)):
-        assert film[16, column].argmax() == channel
-        assert np.sort(film[16, column])[1] < 0.1 * film[16, column].max()
-    # The normal halfway up reflects the zenith, which is white.
-    assert film[3:16, 26].min(axis=1).max() > 0.9
-    assert film[17:29, 26].min(axis=1).max() < 0.1
+    assert film[16, [28, 20]].argmax(axis=1).tolist() == [0, 1]

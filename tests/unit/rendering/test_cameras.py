@@ -77,17 +77,10 @@ def test_a_file_has_the_camera_of_its_matrices(tmp_path):
     pose = [[1.0, 0, 0, 0.4], [0, 0.6, -0.8, 4.0], [0, 0.8, 0.6, -3.2], [0, 0, 0, 1.0]]
     facts = {"intrinsics": K, "camera_to_world": pose, "size": [640, 480]}
     path = tmp_path / "a.json"
-    path.write_text(json.dumps(facts))
-    assert read_camera(path) == Camera.from_intrinsics(K, pose, (640, 480))
     path.write_text(json.dumps(facts | {"convention": "opengl", "pixel_centres": "integer", "more": {}}))
-    assert read_camera(str(path)) == Camera.from_intrinsics(K, pose, (640, 480), "opengl", pixel_centres="integer")
+    assert read_camera(path) == Camera.from_intrinsics(K, pose, (640, 480), "opengl", pixel_centres="integer")
     missing, other = json.dumps({"size": [60, 40]}), json.dumps(facts | {"convention": "left"})
-    rows = [
-        (missing, "here is no"),
-        (other, "must be one of"),
-        ("[1, 2]", "holds an object"),
-        ("solid", "no JSON file"),
-    ]
+    rows = [(missing, "here is no"), (other, "must be one of"), ("[1]", "holds an object"), ("solid", "no JSON file")]
     for content, words in rows:
         path.write_text(content)
         with pytest.raises(SceneError, match=rf"a\.json: .*{words}"):

@@ -55,15 +55,14 @@ def test_every_point_is_seen_and_no_room_is_wasted(projection):
 def test_neither_scale_nor_place_nor_a_lack_of_extent_matters(projection):
     points = cloud(1)
     expected = places(frame_mesh(mesh_of(points), aspect=1.5, projection=projection), points, 1.5)[0]
-    for scale in (1e-100, 1e-30, 1e30, 1e100):
+    for scale in (1e-100, 1e100):
         moved = (points + np.array([5e5, -4e6, 120.0])) * scale
         camera = frame_mesh(mesh_of(moved), aspect=1.5, projection=projection)
         np.testing.assert_allclose(places(camera, moved, 1.5)[0], expected, atol=1e-6)
     for points in (np.zeros((1, 3)), np.array([[0, 0, 0], [0, 1, 0.0]]), np.eye(3)):
-        for turns in (False, True)[: 1 if projection == Panorama() else 2]:
-            camera = frame_mesh(mesh_of(points), aspect=1, projection=projection, turns=turns)
-            assert np.isfinite(camera.rays(8, 8)[1]).all()
-            assert projection == Panorama() or np.abs(places(camera, points, 1)[0]).max() < 1
+        camera = frame_mesh(mesh_of(points), aspect=1, projection=projection, turns=projection != Panorama())
+        assert np.isfinite(camera.rays(8, 8)[1]).all()
+        assert projection == Panorama() or np.abs(places(camera, points, 1)[0]).max() < 1
 
 
 @pytest.mark.parametrize("up", [(0, 1, 0), (0, 0, 3), SKEW])
@@ -147,32 +146,15 @@ def test_a_renderer_takes_one_side_after_the_other(mesh):
             renderer.render(side="top", camera=camera)
 
 
-def random_places(shapes, count, spread):
-    """The shape and the transform of each instance, any affine map, mirrors among them; and all vertices."""
-    generator = np.random.default_rng(count)
-    transforms = np.tile(np.eye(4), (count, 1, 1))
-    transforms[:, :3, :3] = generator.normal(size=(count, 3, 3)) * generator.uniform(0.1, 1, (count, 1, 1))
-    transforms[:, :3, 3] = spread * generator.normal(size=(count, 3))
-    ids = generator.integers(0, len(shapes), count)
-    parts = [shapes[i].vertices @ matrix[:3, :3].T + matrix[:3, 3] for i, matrix in zip(ids, transforms, strict=True)]
-    return ids, transforms, np.concatenate(parts)
-
-
-def box_of(bounds):
-    return bounds.origin + bounds.local_box / bounds.scale
-
-
 def test_bounds_and_cameras_of_a_scene_are_those_of_all_its_vertices():
     shapes = [clbvh.make_shape("icosphere", triangles=320), clbvh.make_shape("knot", triangles=200), mesh_of(np.eye(3))]
     for count in (1, 7, 2000):
-        ids, transforms, points = random_places(shapes, count, count / 40 + 5)
-        bounds = SceneBounds(shapes, ids, transforms)
-        np.testing.assert_allclose(box_of(bounds), [points.min(axis=0), points.max(axis=0)], rtol=0, atol=1e-10)
-        for turns in (False, True):
-            camera = frame_scene(bounds, aspect=1.5, up=SKEW, turns=turns)
-            expected = frame_mesh(mesh_of(points), aspect=1.5, up=SKEW, turns=turns)
-            # Those of the mesh are rounded to float32.
-            for name in ("eye", "look_at"):
-                np.testing.assert_allclose(
-                    getattr(camera, name), getattr(expected, name), rtol=0, atol=2e-6 / bounds.scale
-                )
+        generator = np.random.default_rng(count)
+        transforms = np.tile(np.eye(4), (count, 1, 1))
+        transforms[:, :3] = generator.normal(size=(count, 3, 4)) * [1, 1, 1, count / 40 + 5]
+        ids = generator.integers(0, len(shapes), count)
+        parts = [shapes[i].vertices @ place[:3, :3].T + place[:3, 3] for i, place in zip(ids, transforms, strict=True)]
+        points, bounds = np.concatenate(parts), SceneBounds(shapes, ids, transforms)
+        box = bounds.origin + bounds.local_box / bounds.scale
+        np.testing.assert_allclose(box, [points.min(axis=0), points.max(axis=0)], rtol=0, atol=1e-10)
+        check_frame(frame_scene(bounds, aspect=1.5, up=SKEW), points, 1.5)
