@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import trimesh
 
 from clbvh import ConfigError, Mesh, QueryError, Scene, Spheres, Tracer, make_shape
 from clbvh.structs import NO_PRIM
@@ -27,28 +26,17 @@ def make_soup(generator, low=0, high=0):
     return Mesh.from_arrays(np.stack([a, a + ab, c], axis=1).reshape(-1, 3), np.arange(600).reshape(-1, 3))
 
 
-def make_knot(generator):
-    knot = make_shape("knot", triangles=2000)
-    return Mesh.from_arrays(knot.vertices @ turn(generator), knot.faces)
-
-
-def make_spheres(generator):
-    return Spheres(generator.normal(size=(200, 3)), 10 ** generator.uniform(-3, -0.5, 200))
-
-
 SHAPES = {
     "soup": make_soup,
-    "slivers": lambda generator: make_soup(generator, -8, -3),
     "needles": lambda generator: make_soup(generator, -20, -8),
-    "knot": make_knot,
-    "spheres": make_spheres,
+    "knot": lambda generator: make_shape("knot", triangles=2000),
+    "spheres": lambda generator: Spheres(generator.normal(size=(200, 3)), 10 ** generator.uniform(-3, -0.5, 200)),
 }
 
 MAPS = {
     "rotation": turn,
     "mirror": lambda generator: turn(generator) @ np.diag([1, 1, -1]) @ turn(generator),
     "stretch": lambda generator: turn(generator) @ np.diag(10 ** generator.uniform(-2, 2, 3)) @ turn(generator),
-    "flattened": lambda generator: turn(generator) @ np.diag([1, 1, 10 ** generator.uniform(-12, -4)]),
     "needle": lambda generator: turn(generator) @ np.diag([1e-5, 1e-8, 1]),
     "shear": lambda generator: turn(generator) @ [[1, 100, 0], [0, 1, 0], [0, 0, 1]] @ turn(generator),
 }
@@ -151,25 +139,14 @@ def test_rays_do_not_meet_the_primitive_that_they_leave(session, kind, name):
 
 
 @pytest.mark.parametrize("size", [1e-30, 1.0, 1e30])
-@pytest.mark.parametrize("name", ["ball", "box", "floor"])
-def test_rays_that_leave_a_convex_mesh_meet_nothing(session, name, size):
-    generator = np.random.default_rng(17)
-    if name == "floor":
-        x, y = np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 1, 12))
-        corners = np.arange(144).reshape(12, 12)
-        a, b, c, d = (corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:])
-        vertices, faces = np.stack((x, y, 0 * x), axis=-1).reshape(-1, 3), np.stack([a, b, c, a, c, d], axis=-1)
-    else:
-        shape = trimesh.creation.box((2.0, 0.5, 1.0)) if name == "box" else make_shape("icosphere", triangles=1280)
-        vertices, faces = shape.vertices * ([1, 1, 1] if name == "box" else [1, 0.2, 3]), shape.faces
-    scene = Scene(
-        Mesh.from_arrays((vertices @ turn(generator) + generator.normal(size=3)) * size, faces.reshape(-1, 3))
-    )
+def test_rays_that_leave_a_convex_mesh_meet_nothing(session, size):
+    generator, ball = np.random.default_rng(17), make_shape("icosphere", triangles=1280)
+    vertices = ball.vertices * [1, 0.2, 3] @ turn(generator) + generator.normal(size=3)
+    scene = Scene(Mesh.from_arrays(vertices * size, ball.faces))
     with Tracer(scene, device=session.info) as tracer:
         hits = make_hits(tracer, scene, generator, 20_000)
+        hits = hits[hits.is_front]
         assert len(hits) > 5000
-        if name != "floor":
-            hits = hits[hits.is_front]
         directions = make_directions(hits.normals(facing=True), generator)
         assert not tracer.any_hit(hits.offset_origins(), directions).any()
         # The rays are hard ones: without an offset, many meet the mesh.
@@ -203,11 +180,6 @@ class TestSides:
         assert hits[0].offset_origins(towards=np.ones((7, 3))).shape == (7, 3)
         assert hits[[]].offset_origins().shape == hits[[]].offset_origins(towards=[0, 0, 1]).shape == (0, 3)
 
-    def test_a_light_behind_the_triangle_is_blocked_by_it(self, triangle):
-        hits = triangle.closest_hit([0.2, 0.2, 1], [0, 0, -1])
-        assert triangle.any_hit(hits.offset_origins(), [0, 0, -1])
-        assert not triangle.any_hit(hits.offset_origins(towards=[0, 0, -1]), [0, 0, -1])
-
     def test_misses_are_nan_and_what_is_refused(self, triangle):
         hits = triangle.closest_hit([[0.2, 0.2, 1], [9, 9, 1]], [0, 0, -1])
         for points in (hits.offset_origins(), hits.offset_origins(towards=[0, 0, 1])):
@@ -220,11 +192,6 @@ class TestSides:
             (lambda: hits.offset_origins(towards=np.ones((5, 3))), QueryError, "^towards must have a shape that broad"),
             (lambda: hits.offset_origins(towards=np.ones((2, 2))), QueryError, r"^towards must have shape \(3,\)"),
             (of_unknown_side.offset_origins, ConfigError, r"call offset_origins\(towards=directions\)$"),
-            (
-                lambda: Hits(*given[0], given[1]).offset_origins(towards=[0, 0, 1]),
-                ConfigError,
-                "do not know their mesh",
-            ),
         ):
             with pytest.raises(error, match=words):
                 call()

@@ -8,7 +8,6 @@ from clbvh.errors import ConfigError
 from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.layouts.device_arrays import make_device_arrays
 from clbvh.structs import LAYOUT_WIDTHS, LAYOUTS, TRIANGLE
-from clbvh.trace.world.trees import check_layout
 
 from ....chain import make_chain
 from ....worlds import open_mesh
@@ -41,13 +40,17 @@ def test_the_stack_holds_the_depth_of_the_tree(session, triangles, stack_size):
     assert open_mesh(session, mesh, chain, "bvh2").defines["STACK_SIZE"] == stack_size
 
 
-def test_a_tree_that_is_too_deep_is_refused(session):
+def test_a_tree_that_is_too_deep_and_unknown_layouts_are_refused(session):
     assert open_mesh(session, *make_chain(1025, "left"), "bvh2").defines["STACK_SIZE"] == 1024
     with pytest.raises(ConfigError, match="the tree is 1025 levels deep: as bvh2 it needs a stack of 1025 entries"):
         open_mesh(session, *make_chain(1026, "left"), "bvh2")
+    for layout in ("brute", "bvh3", ""):
+        with pytest.raises(ConfigError, match=rf"one of auto, bvh2.*, not '{layout}'$"):
+            open_mesh(session, *make_chain(3, "left"), layout)
 
 
 def test_without_a_tree_there_are_triangles_only(session, bvh):
+    assert open_mesh(session, bvh.mesh, bvh, "auto").layout == session.info.layout
     world = open_mesh(session, bvh.mesh)
     assert world.layout == "brute"
     assert (world.defines["LAYOUT"], world.defines["STACK_SIZE"]) == (LAYOUTS["brute"], 16)
@@ -55,15 +58,3 @@ def test_without_a_tree_there_are_triangles_only(session, bvh):
     triangles = np.empty(bvh.mesh.face_count, TRIANGLE)
     session.download(world.arguments["blocks"], triangles)
     np.testing.assert_array_equal(triangles["prim_id"], np.arange(bvh.mesh.face_count))
-
-
-def test_auto_takes_what_suits_the_device(session, bvh):
-    assert open_mesh(session, bvh.mesh, bvh, "auto").layout == session.info.layout
-
-
-@pytest.mark.parametrize("layout", ["brute", "bvh3", ""])
-def test_unknown_layouts_are_refused(session, bvh, layout):
-    with pytest.raises(ConfigError, match=rf"one of auto, bvh2.*, not '{layout}'$"):
-        check_layout(layout)
-    with pytest.raises(ConfigError):
-        open_mesh(session, bvh.mesh, bvh, layout)
