@@ -1,98 +1,24 @@
-from pathlib import Path
+"""What users may give for a mesh: a `Mesh`, arrays, a path, or an object of trimesh with its looks."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
+from trimesh.visual import ColorVisuals, TextureVisuals
+from trimesh.visual.material import MultiMaterial, PBRMaterial, SimpleMaterial
 
 import clbvh
+from clbvh import MeshError
+from clbvh.geometry.appearance.srgb import srgb_to_linear
 from clbvh.geometry.as_mesh import as_mesh
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 FACES = np.array([[0, 1, 2]])
 MESH = clbvh.Mesh.from_arrays(CORNERS, FACES)
-
-
-@pytest.fixture
-def file(tmp_path):
-    path = tmp_path / "triangle.off"
-    path.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
-    return path
-
-
-def forms(file):
-    return {
-        "a mesh": MESH,
-        "a trimesh": trimesh.Trimesh(CORNERS, FACES),
-        "a path": file,
-        "a name of a file": str(file),
-        "a tuple": (CORNERS, FACES),
-        "a list": [CORNERS.tolist(), FACES.tolist()],
-    }
-
-
-@pytest.mark.parametrize("form", forms(Path()))
-def test_every_form_is_the_same_mesh(form, file):
-    mesh = as_mesh(forms(file)[form])
-    assert mesh.fingerprint == MESH.fingerprint
-    np.testing.assert_array_equal(mesh.vertices, CORNERS)
-
-
-@pytest.mark.parametrize("form", forms(Path()))
-def test_every_form_can_be_built_and_traced(form, file):
-    thing = forms(file)[form]
-    assert clbvh.build(thing).nodes.tobytes() == clbvh.build(MESH).nodes.tobytes()
-    with clbvh.Tracer(thing) as tracer:
-        assert tracer.closest_hit([[0.25, 0.25, 2]], [[0, 0, -1]]).t == 2
-
-
-def test_a_mesh_is_not_copied():
-    assert as_mesh(MESH) is MESH
-
-
-def test_arrays_are_copied():
-    corners = CORNERS.copy()
-    mesh = as_mesh((corners, FACES))
-    corners[:] = 7
-    np.testing.assert_array_equal(mesh.vertices, CORNERS)
-
-
-@pytest.mark.parametrize(
-    ("thing", "described"),
-    [
-        (5, "int 5"),
-        (None, "NoneType None"),
-        (b"bunny.ply", "bytes b'bunny.ply'"),
-        (CORNERS, "a numpy.ndarray"),
-        ((CORNERS,), "a tuple"),
-        ((CORNERS, FACES, FACES), "a tuple"),
-        ({"vertices": 1}, "dict {'vertices': 1}"),
-        (trimesh.Scene(), "a trimesh.Scene"),
-        (trimesh.PointCloud(CORNERS), "a trimesh.PointCloud"),
-    ],
-)
-def test_anything_else_is_one_sentence_with_the_accepted_forms(thing, described):
-    with pytest.raises(clbvh.MeshError) as raised:
-        as_mesh(thing)
-    message = str(raised.value)
-    assert described in message
-    assert all(form in message for form in ("clbvh.Mesh", "trimesh.Trimesh", "path", "(vertices, faces)"))
-    assert "\n" not in message
-
-
-def test_a_tracer_also_names_a_tree():
-    with pytest.raises(clbvh.MeshError, match=r"clbvh\.Bvh, a clbvh\.Mesh"):
-        clbvh.Tracer(7)
-
-
-def test_invalid_arrays_are_refused_as_in_from_arrays():
-    with pytest.raises(clbvh.MeshError, match="refers to vertex 3"):
-        clbvh.build((CORNERS, [[0, 1, 3]]))
-
-
-@pytest.mark.parametrize("thing", [trimesh.Trimesh, trimesh.primitives.Box, clbvh.Mesh])
-def test_a_class_is_no_mesh(thing):
-    with pytest.raises(clbvh.MeshError, match=r"expected a clbvh.Mesh.*not "):
-        as_mesh(thing)
+PIXELS = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
+BYTES = np.random.default_rng(0).integers(0, 256, (12, 4), np.uint8)
 
 
 class NoArray:
@@ -100,22 +26,95 @@ class NoArray:
         raise TypeError("no numbers here")
 
 
-@pytest.mark.parametrize("pair", [(NoArray(), FACES), (CORNERS, NoArray())])
-def test_objects_that_are_no_arrays(pair):
-    with pytest.raises(clbvh.MeshError, match="no numbers here"):
-        as_mesh(pair)
+def test_every_form_is_the_same_mesh_and_can_be_traced(tmp_path):
+    path = tmp_path / "triangle.off"
+    path.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    pairs = (CORNERS, FACES), [CORNERS.tolist(), FACES.tolist()], (np.ma.masked_array(CORNERS), FACES)
+    for thing in (MESH, trimesh.Trimesh(CORNERS, FACES), path, str(path), *pairs):
+        mesh = as_mesh(thing)
+        assert mesh.fingerprint == MESH.fingerprint
+        np.testing.assert_array_equal(mesh.vertices, CORNERS)
+        assert not np.shares_memory(mesh.vertices, CORNERS)
+        assert clbvh.build(thing).nodes.tobytes() == clbvh.build(MESH).nodes.tobytes()
+    with clbvh.Tracer(pairs[0]) as tracer:
+        assert tracer.closest_hit([[0.25, 0.25, 2]], [[0, 0, -1]]).t == 2
+    assert as_mesh(MESH) is MESH
 
 
-def test_masked_values_are_no_numbers():
+def test_anything_else_is_refused_in_one_sentence():
     masked = np.ma.masked_array(CORNERS, mask=np.eye(3))
-    for pair in ((masked, FACES), (CORNERS, np.ma.masked_equal(FACES, 2))):
-        with pytest.raises(clbvh.MeshError, match="some are masked"):
-            as_mesh(pair)
-    with pytest.raises(clbvh.MeshError, match="some are masked"):
-        MESH.with_vertices(masked)
-    assert as_mesh((np.ma.masked_array(CORNERS), FACES)).fingerprint == MESH.fingerprint
+    for thing, message in (
+        (5, r"clbvh\.Mesh, a trimesh\.Trimesh, the path of .* pair \(vertices, faces\), not int 5"),
+        (b"bunny.ply", "bytes b'bunny.ply'"),
+        (CORNERS, r"a numpy\.ndarray"),
+        ((CORNERS, FACES, FACES), "a tuple"),
+        (trimesh.Scene(), r"a trimesh\.Scene"),
+        (trimesh.PointCloud(CORNERS), r"a trimesh\.PointCloud"),
+        (clbvh.Mesh, r"expected a clbvh.Mesh.*not "),
+        ((CORNERS, [[0, 1, 3]]), "refers to vertex 3"),
+        ((NoArray(), FACES), "no numbers here"),
+        ((CORNERS, NoArray()), "no numbers here"),
+        ((masked, FACES), "some are masked"),
+        ((CORNERS, np.ma.masked_equal(FACES, 2)), "some are masked"),
+        ((np.broadcast_to(CORNERS[:1], (2**40, 3)), FACES), "a mesh of 1,099,511,627,776 vertices needs about .* free"),
+    ):
+        with pytest.raises(MeshError, match=message):
+            as_mesh(thing)
+    with pytest.raises(MeshError, match=r"clbvh\.Bvh, a clbvh\.Mesh"):
+        clbvh.Tracer(7)
 
 
-def test_more_vertices_than_the_memory_holds():
-    with pytest.raises(clbvh.MeshError, match=r"a mesh of 1,099,511,627,776 vertices needs about .* MB are free"):
-        as_mesh((np.broadcast_to(CORNERS[:1], (2**40, 3)), FACES))
+def make_box(visual=None, **colours):
+    box = trimesh.creation.box()
+    box.visual = visual or ColorVisuals(box, **colours)
+    return box
+
+
+def material_of(material):
+    (read,) = as_mesh(make_box(TextureVisuals(uv=np.zeros((8, 2)), material=material))).appearance.materials
+    return read
+
+
+def test_colours_and_coordinates_of_trimesh():
+    faces = trimesh.creation.box().faces
+    np.testing.assert_array_equal(as_mesh(make_box(vertex_colors=BYTES[:8])).appearance.colours, BYTES[faces])
+    looks = as_mesh(make_box(face_colors=BYTES)).appearance
+    np.testing.assert_array_equal(looks.colours, np.repeat(BYTES[:, None], 3, axis=1))
+    assert looks.materials[0].base_colour == (1, 1, 1)
+    assert as_mesh(trimesh.creation.box()).appearance is None
+    uvs, ids = BYTES[:8, :2] / 256, np.arange(12) % 2
+    several = MultiMaterial([PBRMaterial(name="a"), PBRMaterial(name="b")])
+    looks = as_mesh(make_box(TextureVisuals(uv=uvs, material=several, face_materials=ids))).appearance
+    np.testing.assert_array_equal(looks.uvs, np.float32(uvs)[faces])
+    assert [material.name for material in looks.materials] == ["a", "b"]
+    assert looks.material_ids.tolist() == ids.tolist()
+
+
+def test_materials_of_trimesh():
+    image = Image.fromarray(PIXELS)
+    simple = material_of(SimpleMaterial(image=image, diffuse=[255, 128, 0, 64], glossiness=98))
+    assert simple.base_colour == pytest.approx(srgb_to_linear(np.array([255, 128, 0]) / 255))
+    assert (simple.alpha, simple.roughness) == (64 / 255, pytest.approx(0.02**0.25))
+    np.testing.assert_array_equal(simple.base_colour_texture.pixels, PIXELS)
+    physical = material_of(
+        PBRMaterial(
+            name="paint", baseColorFactor=[0, 51, 255, 102], metallicFactor=0.25, alphaMode="MASK", alphaCutoff=0.3,
+            emissiveFactor=[1, 0.5, 0], baseColorTexture=image, metallicRoughnessTexture=image, normalTexture=image,
+        )
+    )  # fmt: skip
+    assert physical.base_colour == pytest.approx((0, 0.2, 1))
+    assert (physical.name, physical.metallic, physical.roughness, physical.alpha_cutoff) == ("paint", 0.25, 1.0, 0.3)
+    assert (physical.alpha, physical.emission) == (pytest.approx(0.4), (1, 0.5, 0))
+    np.testing.assert_array_equal(physical.base_colour_texture.pixels, PIXELS)
+    textures = physical.base_colour_texture, physical.metallic_roughness_texture, physical.normal_texture
+    assert [texture.is_srgb for texture in textures] == [True, False, False]
+
+
+def test_looks_of_trimesh_that_cannot_be_used_are_one_warning():
+    for visual, message in (
+        (TextureVisuals(uv=np.full((8, 2), np.nan)), "texture coordinates cannot be used"),
+        (TextureVisuals(uv=np.zeros((3, 2))), "texture coordinates cannot be used"),
+        (TextureVisuals(uv=np.zeros((8, 2)), material=SimpleMaterial(image="wood.png")), "material cannot be"),
+    ):
+        with pytest.warns(clbvh.AppearanceWarning, match=f"Trimesh: the {message}"):
+            assert as_mesh(make_box(visual)).face_count == 12

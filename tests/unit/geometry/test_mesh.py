@@ -1,132 +1,100 @@
-"""The mesh: checks, re-basing, degenerate triangles."""
+"""The mesh: checks, local coordinates, degenerate triangles, parts, and whether it encloses a volume."""
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
+import trimesh
 
-from clbvh import Mesh
-from clbvh.errors import MeshError
-from clbvh.geometry import mesh as mesh_module
+import clbvh
+from clbvh import Material, Mesh, MeshError, Part, Scene, Spheres, Tracer, Transform, load_mesh
+from clbvh.geometry import mesh as mesh_module, topology
+from clbvh.geometry.spheres import with_material
+from clbvh.geometry.topology import find_equal_points, find_points
+
+from .gltf_files import Gltf
 
 TRIANGLE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+FACES = [[0, 1, 2], [0, 2, 3], [0, 1, 3]]
+PARTS = (Part("left", 0, 2), Part("right", 2, 3))
+BALL = trimesh.creation.icosphere(subdivisions=3)
+SOUP = np.arange(BALL.faces.size).reshape(-1, 3)
+DOWN = [[0, 0, -1]]
 
 
 def test_vertices_are_kept_and_once_more_around_zero_and_about_1_in_size():
     vertices = [[10, 20, 30], [14, 20, 30], [10, 26, 38]]
     mesh = Mesh.from_arrays(vertices, [[0, 1, 2]])
-    assert mesh.vertices.tolist() == vertices
     assert (mesh.origin.tolist(), mesh.scale) == ([12, 23, 34], 0.125)
     assert (mesh.local_vertices * 8).tolist() == [[-2, -3, -4], [2, -3, -4], [-2, 3, 4]]
-    assert (mesh.vertices.dtype, mesh.local_vertices.dtype) == (np.float64, np.float32)
-    assert (mesh.faces.dtype, mesh.origin.dtype) == (np.int32, np.float64)
+    assert (mesh.vertices.dtype, mesh.local_vertices.dtype, mesh.faces.dtype) == (np.float64, np.float32, np.int32)
     assert (mesh.to_local(vertices) == mesh.local_vertices).all()
+    flat = Mesh.from_arrays(np.full((3, 3), 7.5), [[0, 1, 2]])
+    assert (flat.scale, flat.local_vertices.any()) == (1, False)
 
 
-@pytest.mark.parametrize("exponent", [-495, -149, -52, -1, 0, 1, 23, 300, 495])
+@pytest.mark.parametrize("exponent", [-495, -149, -1, 23, 495])
 def test_local_coordinates_have_the_same_bits_in_every_unit(exponent):
     vertices = np.random.default_rng(0).normal(size=(50, 3))
     mesh, scaled = (Mesh.from_arrays(vertices * unit, [[0, 1, 2]]) for unit in (1, 2.0**exponent))
     assert scaled.local_vertices.tobytes() == mesh.local_vertices.tobytes()
     assert scaled.scale == mesh.scale * 2.0**-exponent
-    half = np.abs(mesh.local_vertices).max()
-    assert 0.5 <= half <= 1
-
-
-def test_a_mesh_without_extent_is_not_scaled():
-    mesh = Mesh.from_arrays(np.full((3, 3), 7.5), [[0, 1, 2]])
-    assert (mesh.scale, mesh.local_vertices.any()) == (1, False)
-
-
-def test_survey_coordinates_keep_their_millimetres():
-    corner = np.array([5.0e6, 6.0e6, 300.0])
-    mesh = Mesh.from_arrays(corner + np.array(TRIANGLE) * 1e-3, [[0, 1, 2]])
-    edges = np.diff(mesh.local_vertices[[0, 1]] / mesh.scale, axis=0)
-    assert edges[0] == pytest.approx([1e-3, 0, 0], abs=1e-8)
-
-
-@pytest.mark.parametrize("dtypes", [(np.float32, np.int64), (np.float64, np.int32)])
-def test_arrays_of_the_caller_are_not_changed_nor_kept(dtypes):
-    vertices, faces = np.array(TRIANGLE, dtypes[0]), np.array([[0, 1, 2]], dtypes[1])
-    mesh = Mesh.from_arrays(vertices, faces)
-    vertices += 7
-    faces += 7
-    assert mesh.vertices.tolist() == TRIANGLE
-    assert mesh.faces.tolist() == [[0, 1, 2]]
-
-
-@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, np.longdouble, np.int8, np.uint32])
-def test_vertices_may_have_any_number_type(dtype):
-    assert Mesh.from_arrays(np.array(TRIANGLE, dtype=dtype), [[0, 1, 2]]).vertices.tolist() == TRIANGLE
-
-
-@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.uint64, np.int64])
-def test_faces_may_have_any_whole_number_type(dtype):
-    assert Mesh.from_arrays(TRIANGLE, np.array([[0, 1, 2]], dtype=dtype)).faces.tolist() == [[0, 1, 2]]
-
-
-@pytest.mark.parametrize(
-    ("vertices", "faces", "message"),
-    [
-        pytest.param(np.zeros((3, 2)), [[0, 1, 2]], r"shape \(V, 3\), not \(3, 2\)", id="flat-vertices"),
-        pytest.param(np.zeros((0, 3)), [[0, 1, 2]], "no vertices", id="no-vertices"),
-        pytest.param([["a", "b", "c"]], [[0, 0, 0]], "must be numbers", id="text"),
-        pytest.param(TRIANGLE, np.zeros((0, 3), int), "no faces", id="no-faces"),
-        pytest.param(TRIANGLE, [[0, 1, 2, 2]], r"shape \(F, 3\), not \(1, 4\)", id="quads"),
-        pytest.param(TRIANGLE, [[0.0, 1.0, 2.0]], "must be integers", id="float-faces"),
-        pytest.param(TRIANGLE, [[0, 1, 2], [0, 1, 3]], r"face 1 refers to vertex 3, .*\(0 to 2\)", id="index-too-high"),
-        pytest.param(TRIANGLE, [[0, 1, 2], [0, -1, 2]], "face 1 refers to vertex -1", id="index-negative"),
-        pytest.param(
-            [*TRIANGLE, [0, np.nan, 0]], [[0, 1, 2]], "vertex 3 has a coordinate .*not finite: y = nan", id="nan"
-        ),
-        pytest.param([[0, 0, -np.inf], *TRIANGLE], [[0, 1, 2]], "vertex 0 .*: z = -inf", id="infinite"),
-        pytest.param(np.array(TRIANGLE) * 1e160, [[0, 1, 2]], "5e.159 units wide .*in another unit", id="too-wide"),
-        pytest.param(np.array(TRIANGLE) * 1e-160, [[0, 1, 2]], "less than 3e-151 or more than 3e.150", id="too-small"),
-        pytest.param(
-            [[-1.5e308, 0, 0], [1.5e308, 0, 0], [0, 1, 0]], [[0, 1, 2]], "1.5e.308 units wide", id="wider-than-float64"
-        ),
-    ],
-)
-def test_bad_arrays_are_refused_by_name(vertices, faces, message):
-    with pytest.raises(MeshError, match=message) as caught:
-        Mesh.from_arrays(vertices, faces, name="thing")
-    assert str(caught.value).startswith("thing: ")
-
-
-def test_degenerate_triangles_are_kept_and_counted():
-    vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [3, 0, 0], [0.1, 0.1, 0.1]]
-    faces = [[0, 1, 2], [0, 0, 0], [0, 1, 3], [0, 1, 4], [2, 2, 1]]
-    mesh = Mesh.from_arrays(vertices, faces)
-    assert mesh.degenerate_faces.tolist() == [False, True, True, False, True]
-    assert (mesh.degenerate_count, mesh.face_count) == (3, 5)
-
-
-def test_degenerate_triangles_are_found_in_every_chunk(monkeypatch):
-    monkeypatch.setattr(mesh_module, "_CHUNK_FACES", 4)
-    faces = np.tile([[0, 1, 2]], (11, 1))
-    faces[[3, 4, 10]] = [0, 1, 1]
-    assert np.flatnonzero(Mesh.from_arrays(TRIANGLE, faces).degenerate_faces).tolist() == [3, 4, 10]
-
-
-def test_repr_says_what_it_is():
-    assert repr(Mesh.from_arrays(TRIANGLE, [[0, 1, 2]], name="leaf")) == "Mesh('leaf', vertices=3, faces=1)"
+    assert 0.5 <= np.abs(mesh.local_vertices).max() <= 1
 
 
 @pytest.mark.parametrize("count", [3, 511, 512, 513, 1024, 1500])
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_the_box_is_right_wherever_the_outermost_vertex_is(count, dtype):
+def test_the_box_is_right_wherever_the_outermost_vertex_is(count):
     for place in {0, 1, count // 2, count - 1}:
-        vertices = np.zeros((count, 3), dtype)
+        vertices = np.zeros((count, 3))
         vertices[place] = [-2, 4, 6]
         assert Mesh.from_arrays(vertices, [[0, 1, 2]]).origin.tolist() == [-1, 2, 3]
 
 
-def test_vertices_of_every_second_row_make_the_same_mesh():
-    wide = np.random.default_rng(0).random((1200, 6))
-    strided, plain = wide[::2, 1::2], wide[::2, 1::2].copy()
-    assert (Mesh.from_arrays(strided, [[0, 1, 2]]).vertices == Mesh.from_arrays(plain, [[0, 1, 2]]).vertices).all()
+def test_arrays_of_any_type_are_copied():
+    for dtype in (np.float16, np.float32, np.longdouble, np.int8, np.uint32):
+        assert Mesh.from_arrays(np.array(TRIANGLE, dtype), [[0, 1, 2]]).vertices.tolist() == TRIANGLE
+    wide = np.random.default_rng(0).random((1200, 6))[::2, 1::2]
+    assert (Mesh.from_arrays(wide, [[0, 1, 2]]).vertices == wide).all()
+    vertices = np.array(TRIANGLE)
+    for dtype in (np.uint8, np.int32, np.uint64):
+        faces = np.array([[0, 1, 2]], dtype)
+        mesh = Mesh.from_arrays(vertices, faces)
+        vertices, faces[:] = vertices + 0, 7
+        assert (mesh.vertices.tolist(), mesh.faces.tolist()) == (TRIANGLE, [[0, 1, 2]])
+
+
+def test_bad_arrays_are_refused_by_name():
+    signalling = np.array(TRIANGLE, np.float32)
+    signalling.view(np.uint32)[2, 1] = 0x7FA00000
+    for vertices, faces, message in (
+        (np.zeros((3, 2)), FACES, r"shape \(V, 3\), not \(3, 2\)"),
+        (np.zeros((0, 3)), FACES, "no vertices"),
+        ([["a", "b", "c"]], FACES, "must be numbers"),
+        (TRIANGLE, np.zeros((0, 3), int), "no faces"),
+        (TRIANGLE, [[0, 1, 2, 2]], r"shape \(F, 3\), not \(1, 4\)"),
+        (TRIANGLE, [[0.0, 1.0, 2.0]], "must be integers"),
+        (TRIANGLE, [[0, 1, 2], [0, 1, 3]], r"face 1 refers to vertex 3, .*\(0 to 2\)"),
+        (TRIANGLE, [[0, 1, 2], [0, -1, 2]], "face 1 refers to vertex -1"),
+        (signalling, [[0, 1, 2]], "vertex 2 has a coordinate .*not finite: y = nan"),
+        ([[0, 0, -np.inf], *TRIANGLE], FACES, "vertex 0 .*: z = -inf"),
+        (np.array(TRIANGLE) * 1e160, [[0, 1, 2]], "5e.159 units wide .*in another unit"),
+        (np.array(TRIANGLE) * 1e-160, [[0, 1, 2]], "less than 3e-151 or more than 3e.150"),
+        ([[-1.5e308, 0, 0], [1.5e308, 0, 0], [0, 1, 0]], [[0, 1, 2]], "1.5e.308 units wide"),
+    ):
+        with pytest.raises(MeshError, match=f"^thing: .*{message}"):
+            Mesh.from_arrays(vertices, faces, name="thing")
+    for vertices, message in (
+        (TRIANGLE[:2], "2 vertices cannot replace the mesh's 3"),
+        (np.zeros((3, 2)), r"shape \(V, 3\), not \(3, 2\)"),
+        (signalling, "vertex 2 .*not finite: y = nan"),
+    ):
+        with pytest.raises(MeshError, match=f"^thing: .*{message}"):
+            Mesh.from_arrays(TRIANGLE, [[0, 1, 2]], name="thing").with_vertices(vertices)
 
 
 def test_moved_vertices_get_local_coordinates_of_their_own_and_share_the_faces():
@@ -135,47 +103,143 @@ def test_moved_vertices_get_local_coordinates_of_their_own_and_share_the_faces()
     assert moved.origin.tolist() == [1e6 + 1, 1e6 + 1, 1e6]
     assert (moved.local_vertices / moved.scale).tolist() == [[-1, -1, 0], [1, -1, 0], [-1, 1, 0]]
     assert (moved.faces is mesh.faces, moved.name) == (True, "thing")
-    assert mesh.origin.tolist() == [0.5, 0.5, 0]
 
 
-@pytest.mark.parametrize(
-    ("vertices", "message"),
-    [
-        pytest.param(TRIANGLE[:2], "2 vertices cannot replace the mesh's 3", id="fewer"),
-        pytest.param([*TRIANGLE, [0, 0, 0]], "4 vertices cannot replace the mesh's 3", id="more"),
-        pytest.param(np.zeros((3, 2)), r"shape \(V, 3\), not \(3, 2\)", id="flat"),
-        pytest.param([[0, 0, 0], [1, np.nan, 0], [0, 1, 0]], "vertex 1 .*not finite: y = nan", id="nan"),
-        pytest.param([[0, 0, np.inf], [1, 0, 0], [0, 1, 0]], "vertex 0 .*not finite: z = inf", id="infinite"),
-        pytest.param(np.array(TRIANGLE) * 1e160, "give it in another unit", id="too-wide"),
-    ],
-)
-def test_vertices_that_cannot_replace_others_are_refused(vertices, message):
-    with pytest.raises(MeshError, match=message) as caught:
-        Mesh.from_arrays(TRIANGLE, [[0, 1, 2]], name="thing").with_vertices(vertices)
-    assert str(caught.value).startswith("thing: ")
+def test_degenerate_triangles_are_kept_and_found_in_every_chunk(monkeypatch):
+    monkeypatch.setattr(mesh_module, "_CHUNK_FACES", 4)
+    faces = [[0, 1, 2], [0, 0, 0], [0, 1, 3], [0, 1, 4], [2, 2, 1], [0, 2, 1], [1, 2, 0], [1, 2, 4], [3, 3, 0]]
+    mesh = Mesh.from_arrays([*TRIANGLE, [3, 0, 0], [0.1, 0.1, 0.1]], faces)
+    assert np.flatnonzero(mesh.degenerate_faces).tolist() == [1, 2, 4, 8]
+    assert (mesh.degenerate_count, mesh.face_count) == (4, 9)
 
 
 def test_the_fingerprint_stands_for_what_determines_a_tree():
     vertices, faces = np.array(TRIANGLE), np.array([[0, 1, 2]])
-    mesh = Mesh.from_arrays(vertices, faces, name="thing")
-    assert len(mesh.fingerprint) == 32
+    mesh = Mesh.from_arrays(vertices, faces)
     # Neither the name, nor the place, nor the unit.
     assert Mesh.from_arrays(vertices * 4 + 16, faces, name="other").fingerprint == mesh.fingerprint
+    joined = np.concatenate([mesh.local_vertices[2:].view(np.int32), mesh.faces])
     others = [
         Mesh.from_arrays(vertices * [1, 1 + 1e-6, 1], faces),
         Mesh.from_arrays(vertices, faces[:, ::-1]),
         # The same bytes in a row, cut elsewhere.
-        dataclasses.replace(
-            mesh,
-            local_vertices=mesh.local_vertices[:2],
-            faces=np.concatenate([mesh.local_vertices[2:].view(np.int32), mesh.faces]),
-        ),
+        dataclasses.replace(mesh, local_vertices=mesh.local_vertices[:2], faces=joined),
     ]
     assert len({mesh.fingerprint, *(other.fingerprint for other in others)}) == 4
 
 
-def test_a_signalling_nan_is_refused_without_a_warning():
-    vertices = np.array(TRIANGLE, np.float32)
-    vertices.view(np.uint32)[2, 1] = 0x7FA00000
-    with pytest.raises(MeshError, match=r"vertex 2 .*not finite: y = nan"):
-        Mesh.from_arrays(vertices, [[0, 1, 2]])
+def test_equal_points_are_found_as_a_dictionary_would(monkeypatch):
+    for factors in (topology._FACTORS, np.array([1, 1, 1], np.uint64)):  # the second gives many the same key
+        monkeypatch.setattr(topology, "_FACTORS", factors)
+        for dtype in (np.float32, np.float64):
+            points = np.random.default_rng(0).integers(0, 4, (200, 3)).astype(dtype) / 3
+            numbers: dict[bytes, int] = {}
+            expected = [numbers.setdefault(point.tobytes(), len(numbers)) for point in points]
+            first, ids = find_equal_points(points)
+            assert ids.tolist() == expected
+            assert first.tolist() == [expected.index(number) for number in range(len(numbers))]
+    points = np.array([[0, 0, 1], [-0.0, 0, 1], [0, 0, np.nextafter(1, 2)], [0, 0, 1], [1, 0, 0]])
+    assert find_equal_points(points).ids.tolist() == [0, 1, 2, 0, 3]
+    assert find_points(points).ids.tolist() == [0, 0, 1, 0, 2]
+    assert find_equal_points(points[:0]).ids.shape == (0,)
+
+
+def test_a_closed_surface_is_watertight_however_it_is_listed():
+    corners, turned = BALL.vertices[BALL.faces].reshape(-1, 3), BALL.faces.copy()
+    turned[::3] = turned[::3, ::-1]
+    degenerate = [*BALL.faces, [0, 0, 1], [2, 2, 2]]
+    rows = [(BALL.vertices * size, BALL.faces, True) for size in (1e-100, 1, 1e100)]
+    rows += [(BALL.vertices, turned, True), (corners, SOUP, True), (BALL.vertices, degenerate, True)]
+    rows += [(BALL.vertices, degenerate[1:], False), (BALL.vertices, np.delete(BALL.faces, 100, axis=0), False)]
+    rows += [(CORNERS, [[0, 1, 2], [0, 2, 1]], True), (CORNERS, [[0, 1, 2], [0, 2, 1], [1, 2, 0]], False)]
+    rng = np.random.default_rng(0)
+    faces = np.array([face for face in rng.integers(0, 12, (40, 3)) if len(set(face)) == 3])
+    # Every triangle of a random set becomes the four of a tetrahedron over a new vertex.
+    closed = np.concatenate([[[a, b, c], [a, b, 12], [b, c, 12], [c, a, 12]] for a, b, c in faces])
+    rows += [(rng.normal(size=(13, 3)), faces, False), (rng.normal(size=(13, 3)), closed, True)]
+    for vertices, faces, expected in rows:
+        assert Mesh.from_arrays(vertices, faces).is_watertight == expected, faces[:3]
+
+
+def test_joined_faces_stay_closed_however_vertices_move_and_are_not_tested_again(monkeypatch):
+    tested, is_closed = [], topology.is_closed
+    monkeypatch.setattr(mesh_module, "is_closed", lambda faces: tested.append(len(faces)) or is_closed(faces))
+    mesh = Mesh.from_arrays(BALL.vertices, BALL.faces)
+    for factor in (1, 0, [1, 0, 1], 1e9):
+        mesh = mesh.with_vertices(BALL.vertices * factor)
+        assert mesh.is_watertight
+    assert tested == [len(BALL.faces)]
+    # A hole may be closed by moving, and corners that are listed for each triangle may be torn.
+    torn = BALL.vertices[BALL.faces].reshape(-1, 3)
+    soup = Mesh.from_arrays(torn, SOUP)
+    torn[0] *= 1.5
+    assert (soup.is_watertight, soup.with_vertices(torn).is_watertight) == (True, False)
+    open_mesh = Mesh.from_arrays(BALL.vertices, BALL.faces[1:])
+    closed = BALL.vertices.copy()
+    closed[BALL.faces[0]] = closed[BALL.faces[0, 0]]
+    assert (open_mesh.is_watertight, open_mesh.with_vertices(closed).is_watertight) == (False, True)
+
+
+def make_square(parts=PARTS):
+    return Mesh.from_arrays(CORNERS, FACES, parts=parts)
+
+
+def test_parts_cover_the_faces_one_after_the_other():
+    for parts, message in (
+        ([("a", 1, 3)], r"the part 'a' has the faces 1 to 3, but the part before it ends at 0"),
+        ([("a", 0, 2), ("b", 1, 3)], r"the part 'b' has the faces 1 to 3, but the part before it ends at 2"),
+        ([("a", 0, 0), ("b", 0, 3)], r"the part 'a' has the faces 0 to 0"),
+        ([("a", 0, 4)], r"the part 'a' has the faces 0 to 4, .* and the mesh has 3 faces"),
+        ([("a", 0, 2)], r"the parts end at face 2, but the mesh has 3 faces"),
+        ([("a", 0, 1.5)], r"parts must be a sequence of clbvh\.Part"),
+        (5, r"parts must be a sequence of clbvh\.Part"),
+    ):
+        with pytest.raises(MeshError, match=message):
+            make_square(parts)
+
+
+def test_parts_stay_where_faces_stay():
+    mesh = make_square()
+    moved = mesh.with_vertices(mesh.vertices * 2), with_material(mesh, Material("red")), Transform(scale=2).apply(mesh)
+    for kept in (*moved, copy.deepcopy(mesh), pickle.loads(pickle.dumps(mesh))):
+        assert kept.parts == PARTS
+
+
+def test_nodes_of_gltf_files_are_parts(tmp_path):
+    gltf = Gltf()
+    corners, indices = gltf.add_accessor(CORNERS, "f4"), gltf.add_accessor(np.ravel(FACES[:2]), "u2")
+    normals = gltf.add_accessor(np.tile([0.6, 0, 0.8], (4, 1)), "f4")
+    first = gltf.add_mesh({"attributes": {"POSITION": corners, "NORMAL": normals}, "indices": indices})
+    line = gltf.add_mesh({"attributes": {"POSITION": corners}, "mode": 1})
+    gltf.add_node(mesh=first, name="plain")
+    gltf.add_node(mesh=line, name="line")
+    inner = gltf.add_node(is_root=False, mesh=first, name="mirror", scale=[-2, 1, 1])
+    gltf.add_node(children=[inner], translation=[0, 0, 5], rotation=[0, 0, np.sqrt(0.5), np.sqrt(0.5)])
+    gltf.add_node(mesh=gltf.add_mesh({"attributes": {"POSITION": corners}, "indices": indices}))
+    mesh = load_mesh(gltf.write_glb(tmp_path / "file.glb"))
+    assert mesh.parts == (Part("plain", 0, 2), Part("mirror", 2, 4), Part("file", 4, 6))
+    plain, mirror, _ = (mesh.vertices[mesh.faces[part.begin : part.end]] for part in mesh.parts)
+    # Mirrored in x, and then turned by 90 degrees: (x, y) becomes (-y, -2x); the corners run backwards.
+    expected = np.stack((-plain[..., 1], -2 * plain[..., 0], np.full((2, 3), 5)), axis=-1)[:, ::-1]
+    assert mirror == pytest.approx(expected, abs=1e-12)
+    turned = np.array([0, -0.3, 0.8]) / np.hypot(0.3, 0.8)
+    assert mesh.appearance.normals[2:4] == pytest.approx(np.broadcast_to(turned, (2, 3, 3)), abs=1e-6)
+    assert mesh.appearance.normals[4:] == pytest.approx(np.broadcast_to([0, 0, 1], (2, 3, 3)))
+
+
+def test_hits_name_the_parts_of_their_mesh():
+    with Tracer(make_square()) as tracer:
+        hits = tracer.closest_hit([[[0.9, 0.8, 1], [0.5, 0.9, 1]], [[0.1, 0.2, 1], [5, 0, 1]]], DOWN)
+    assert hits.prim_id.tolist() == [[0, 1], [1, -1]]
+    assert (hits.part_id.tolist(), hits.part_id.dtype) == ([[0, 0], [0, -1]], np.int32)
+    with Tracer(make_square((("each", 0, 1), ("other", 1, 3)))) as tracer:
+        assert tracer.all_hits([[0.5, 0.25, 1], [0.25, 0.5, 1]], DOWN).part_id.tolist() == [0, 1, 1, 1]
+    scene = Scene()
+    for number, shape in enumerate((make_square(()), make_square(), Spheres([[0.25, 0.6, 0]], 0.1))):
+        scene.place(scene.add(shape), Transform(translate=(3 * number, 0, 0)))
+    with Tracer(scene) as tracer:
+        hits = tracer.closest_hit([[3 * number + 0.25, 0.6, 5] for number in range(4)], DOWN)
+    assert hits.part_id.tolist() == [-1, 0, -1, -1]
+    assert hits[1:3].part_id.tolist() == [0, -1]
+    with pytest.raises(clbvh.ConfigError, match="do not know their mesh"):
+        clbvh.Hits(*np.zeros((3, 1)), np.zeros(1, np.int32)).part_id  # noqa: B018

@@ -1,16 +1,24 @@
-"""Spheres: checks, and local coordinates."""
+"""Spheres: checks, local coordinates and boxes, and the files that they are read from."""
 
 from __future__ import annotations
 
+import io
 import pickle
+import zipfile
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
-from clbvh import Spheres
-from clbvh.errors import MeshError
+from clbvh import Mesh, MeshError, Spheres
+from clbvh.geometry.corners import Boxes, bound_spheres, find_corners
+from clbvh.geometry.loading import spheres_file
+from clbvh.geometry.loading.spheres_file import read_spheres
 
 CENTRES = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 2.0, 1.0]]
+# The share of its radius by which a box is larger than its sphere, and the rounding of coordinates.
+MARGIN, ROUNDING = 2.0**-18, 2.0**-24
+ROWS = "0,0,0,1\n4, 0, 0.0, 2\n# the last one\n0,2e0,1,0.5\n"
 
 
 def test_centres_and_radii_are_kept_and_once_more_around_zero_and_about_1_in_size():
@@ -20,128 +28,168 @@ def test_centres_and_radii_are_kept_and_once_more_around_zero_and_about_1_in_siz
     assert (spheres.origin.tolist(), spheres.scale) == ([2.5, 0.25, 0], 0.25)
     assert (spheres.local_centres * 4).tolist() == [[-2.5, -0.25, 0], [1.5, -0.25, 0], [-2.5, 1.75, 1]]
     assert (spheres.local_radii * 4).tolist() == [1, 2, 0.5]
-    assert (spheres.centres.dtype, spheres.radii.dtype, spheres.origin.dtype) == (np.float64,) * 3
-    assert (spheres.local_centres.dtype, spheres.local_radii.dtype) == (np.float32, np.float32)
-    assert (spheres.to_local(CENTRES) == spheres.local_centres).all()
-    assert (spheres.prim_count, spheres.is_watertight, spheres.name) == (3, True, "atoms")
     assert (spheres.local_box * 4).tolist() == [[-3.5, -2.25, -2], [3.5, 2.25, 2]]
+    assert (spheres.centres.dtype, spheres.local_centres.dtype) == (np.float64, np.float32)
+    again = pickle.loads(pickle.dumps(spheres))
+    assert (again.name, again.scale, again.fingerprint) == ("atoms", spheres.scale, spheres.fingerprint)
+    moved = spheres.with_spheres(spheres.centres * 2 + 100)
+    assert (moved.radii.tolist(), moved.name, moved.origin.tolist()) == ([1, 2, 0.5], "atoms", [104.5, 101.25, 100.25])
+    assert moved.with_spheres(CENTRES, 3).radii.tolist() == [3, 3, 3]
 
 
-@pytest.mark.parametrize("exponent", [-495, -149, -52, -1, 0, 1, 23, 300, 490])
+@pytest.mark.parametrize("exponent", [-495, -149, -1, 23, 490])
 def test_local_coordinates_have_the_same_bits_in_every_unit(exponent):
     rng = np.random.default_rng(0)
     centres, radii = rng.normal(size=(50, 3)), rng.uniform(0.1, 1, 50)
     spheres, scaled = (Spheres(centres * unit, radii * unit) for unit in (1, 2.0**exponent))
     assert scaled.local_centres.tobytes() == spheres.local_centres.tobytes()
-    assert scaled.local_radii.tobytes() == spheres.local_radii.tobytes()
     assert scaled.scale == spheres.scale * 2.0**-exponent
     assert scaled.fingerprint == spheres.fingerprint
+    assert spheres.fingerprint != Spheres(centres, radii * (1 + 1e-6)).fingerprint
     assert 0.49 <= np.abs(spheres.local_box).max() <= 1
 
 
-@pytest.mark.parametrize("radius", [1e-30, 1e-9, 1.0, 1e30])
-@pytest.mark.parametrize("place", [0.0, 1.0, 5e6, -1e30])
-def test_a_single_sphere_of_any_size_anywhere_has_a_radius_of_about_1(radius, place):
-    spheres = Spheres([[place, 0, -place]], radius)
-    assert 0.49 <= spheres.local_radii[0] <= 1
-    assert np.abs(spheres.local_centres[0]).max() <= 1
-    assert spheres.local_radii[0] == np.float32(radius * spheres.scale)
+def test_spheres_of_any_size_anywhere_have_room_and_a_radius():
+    for radius in (1e-30, 1.0, 1e30):
+        for place in (0.0, 5e6, -1e30):
+            spheres = Spheres([[place, 0, -place]], radius)
+            assert 0.49 <= spheres.local_radii[0] <= 1
+            assert np.abs(spheres.local_centres[0]).max() <= 1
+    assert Spheres([[0, 0, 0], [1, 0, 0]], [1e30, 1e-30]).local_radii[1] >= np.finfo(np.float32).tiny
+    # The box around all is nearly as large as a power of two, which would become the end of local coordinates.
+    assert Spheres([[-3, 0, 0], [3, 0, 0]], 1 - 1e-10).scale == 0.125
 
 
-def test_the_smallest_spheres_keep_a_radius_beside_the_largest():
-    spheres = Spheres([[0, 0, 0], [1, 0, 0]], [1e30, 1e-30])
-    assert (spheres.local_radii >= np.finfo(np.float32).tiny).all()
-    assert spheres.radii.tolist() == [1e30, 1e-30]
-
-
-def test_the_outermost_sphere_leaves_room_for_rounding():
-    # The box around all is as large as a power of two, which would become the end of local coordinates.
-    spheres = Spheres([[-3, 0, 0], [3, 0, 0]], np.nextafter(1, 0))
-    assert spheres.scale == 0.125
-
-
-def test_one_radius_is_the_radius_of_all():
-    spheres = Spheres(np.zeros((3, 3), np.int32), 2)
-    assert spheres.radii.tolist() == [2, 2, 2]
-
-
-def test_arrays_of_the_caller_are_not_changed_nor_kept():
-    centres, radii = np.array(CENTRES), np.array([1.0, 2, 3])
-    spheres = Spheres(centres, radii)
-    centres += 7
-    radii += 7
-    assert (spheres.centres.tolist(), spheres.radii.tolist()) == (CENTRES, [1, 2, 3])
-
-
-@pytest.mark.parametrize(
-    ("centres", "radii", "message"),
-    [
-        pytest.param(np.zeros((3, 2)), 1, r"shape \(n, 3\), not \(3, 2\)", id="flat-centres"),
-        pytest.param(np.zeros(3), 1, r"shape \(n, 3\), not \(3,\)", id="one-centre-without-brackets"),
-        pytest.param(np.zeros((0, 3)), 1, "there are no spheres", id="empty"),
-        pytest.param([["a", "b", "c"]], 1, "centres must be numbers", id="text"),
-        pytest.param([[0, 0, 0], [0, 0]], 1, "rows differ in length", id="ragged"),
-        pytest.param([[0, 0, 0], [0, np.nan, 0]], 1, "sphere 1 has a centre .*not finite: y = nan", id="nan-centre"),
-        pytest.param([[0, 0, -np.inf]], 1, "sphere 0 .*: z = -inf", id="infinite-centre"),
-        pytest.param(CENTRES, [1, 0, -1], "sphere 1 has the radius 0, but .*above 0", id="zero-radius"),
-        pytest.param(CENTRES, [1, 1, -1.5], "sphere 2 has the radius -1.5", id="negative-radius"),
-        pytest.param(CENTRES, [np.nan, 1, 1], "sphere 0 has the radius nan", id="nan-radius"),
-        pytest.param(CENTRES, [1, np.inf, 1], "sphere 1 has the radius inf", id="infinite-radius"),
-        pytest.param(CENTRES, -1, "sphere 0 has the radius -1", id="one-negative-radius"),
-        pytest.param(CENTRES, [1, 2], r"one number or have shape \(3,\), not \(2,\)", id="too-few-radii"),
-        pytest.param(CENTRES, [[1], [2], [3]], r"have shape \(3,\), not \(3, 1\)", id="column-of-radii"),
-        pytest.param(CENTRES, ["a", "b", "c"], "radii must be numbers", id="text-radii"),
-        pytest.param(np.ma.masked_equal(CENTRES, 4), 1, "some are masked", id="masked"),
-        pytest.param(CENTRES, 1e160, "1e.160 units wide .*in another unit", id="too-wide"),
-        pytest.param(np.zeros((1, 3)), 1e-160, "less than 3e-151 or more than 3e.150", id="too-small"),
-        pytest.param([[-1.5e308, 0, 0], [1.5e308, 0, 0]], 1, "1.5e.308 units wide", id="wider-than-float64"),
-        pytest.param(np.zeros((1, 3)), 1.7e308, "units wide", id="radius-wider-than-float64"),
-    ],
-)
-def test_bad_arrays_are_refused_by_name(centres, radii, message):
-    with pytest.raises(MeshError, match=message) as caught:
-        Spheres(centres, radii, name="thing")
-    assert str(caught.value).startswith("thing: ")
-
-
-def test_moved_spheres_have_local_coordinates_of_their_own():
-    spheres = Spheres(CENTRES, [1, 2, 0.5], name="thing")
-    moved = spheres.with_spheres(spheres.centres * 2 + 100)
-    assert (moved.radii.tolist(), moved.name) == ([1, 2, 0.5], "thing")
-    assert moved.origin.tolist() == [104.5, 101.25, 100.25]
-    assert moved.with_spheres(CENTRES, 3).radii.tolist() == [3, 3, 3]
-    with pytest.raises(MeshError, match="thing: 2 spheres cannot replace the present 3"):
-        spheres.with_spheres(CENTRES[:2])
-
-
-def test_the_fingerprint_stands_for_what_determines_a_tree():
-    spheres = Spheres(CENTRES, [1, 2, 0.5])
-    assert Spheres(np.array(CENTRES) * 2 + 64, [2, 4, 1], name="other").fingerprint == spheres.fingerprint
-    others = [Spheres(CENTRES, [1, 2, 0.5 + 1e-6]), Spheres(np.array(CENTRES) * [1, 1, 1 + 1e-6], [1, 2, 0.5])]
-    assert len({spheres.fingerprint, *(other.fingerprint for other in others)}) == 3
-
-
-def test_spheres_are_pickled_with_all_they_have():
-    spheres = Spheres(CENTRES, [1, 2, 0.5], name="thing")
-    again = pickle.loads(pickle.dumps(spheres))
-    assert (again.name, again.scale, again.fingerprint) == ("thing", spheres.scale, spheres.fingerprint)
-    assert again.centres.tobytes() == spheres.centres.tobytes()
-
-
-def test_repr_says_what_it_is():
-    assert repr(Spheres(CENTRES, 1, name="atoms")) == "Spheres('atoms', count=3)"
-
-
-@pytest.mark.parametrize(
-    ("centres", "radii"),
-    [
-        ([[1e308, 0, 0], [-1e308, 0, 0]], 1e308),
-        ([[1.7e308, 0, 0], [-1.7e308, 0, 0]], 1e307),
-        ([[1.7e308, 0, 0], [1, 1, 1]], 1.7e308),
-        ([[1.7e308, 1.7e308, 0]], 1.7e308),
-    ],
-)
 @pytest.mark.filterwarnings("error")
-def test_spheres_that_leave_float64_are_refused(centres, radii):
-    with pytest.raises(MeshError, match="units wide to each side of the centre"):
-        Spheres(centres, radii)
+def test_bad_arrays_are_refused_by_name():
+    for centres, radii, message in (
+        (np.zeros(3), 1, r"shape \(n, 3\), not \(3,\)"),
+        (np.zeros((0, 3)), 1, "there are no spheres"),
+        ([["a", "b", "c"]], 1, "centres must be numbers"),
+        ([[0, 0, 0], [0, 0]], 1, "rows differ in length"),
+        ([[0, 0, 0], [0, np.nan, 0]], 1, "sphere 1 has a centre .*not finite: y = nan"),
+        (CENTRES, [1, 0, -1], "sphere 1 has the radius 0, but .*above 0"),
+        (CENTRES, [1, np.inf, 1], "sphere 1 has the radius inf"),
+        (CENTRES, -1, "sphere 0 has the radius -1"),
+        (CENTRES, [[1], [2], [3]], r"one number or have shape \(3,\), not \(3, 1\)"),
+        (CENTRES, ["a", "b", "c"], "radii must be numbers"),
+        (np.ma.masked_equal(CENTRES, 4), 1, "some are masked"),
+        (CENTRES, 1e160, "1e.160 units wide .*in another unit"),
+        (np.zeros((1, 3)), 1e-160, "less than 3e-151 or more than 3e.150"),
+        ([[1e308, 0, 0], [-1e308, 0, 0]], 1e308, "units wide to each side of the centre"),
+        ([[1.7e308, 1.7e308, 0]], 1.7e308, "units wide to each side of the centre"),
+    ):
+        with pytest.raises(MeshError, match=f"^thing: .*{message}"):
+            Spheres(centres, radii, name="thing")
+    with pytest.raises(MeshError, match="2 spheres cannot replace the present 3"):
+        Spheres(CENTRES, 1).with_spheres(CENTRES[:2])
+
+
+@pytest.mark.parametrize("smallest", [-30, -9, -1])
+def test_each_box_contains_its_sphere_and_a_margin_and_little_more(smallest):
+    rng = np.random.default_rng(9)
+    spheres = Spheres(rng.normal(size=(100, 3)) + 1e3, 10.0 ** rng.uniform(smallest, 0, 100))
+    corners = bound_spheres(spheres)
+    assert np.abs(corners).max() <= 1
+    for sphere in range(100):
+        radius = Fraction(float(spheres.local_radii[sphere])) * (1 + Fraction(MARGIN))
+        for axis in range(3):
+            centre = Fraction(float(spheres.local_centres[sphere, axis]))
+            lower, upper = (Fraction(float(end)) for end in np.sort(corners[sphere, :, axis]))
+            slack = 3 * ROUNDING * max(abs(lower), abs(upper)) + 2.0**-140
+            assert 0 <= centre - radius - lower <= slack
+            assert 0 <= upper - centre - radius <= slack
+    points, ids = find_corners(spheres)
+    assert (points[ids].min(axis=1) == corners[:, 0]).all()
+    assert (points[ids].max(axis=1) == corners[:, 1]).all()
+    mesh = Mesh.from_arrays(np.eye(3), [[0, 1, 2]])
+    found = find_corners(mesh)
+    assert found[0] is mesh.local_vertices
+    assert found[1] is mesh.faces
+
+
+@pytest.mark.parametrize("size", [1e-100, 1.0, 1e100])
+def test_local_boxes_contain_what_float64_has_of_them(size):
+    generator = np.random.default_rng(4)
+    lower = generator.normal(size=(100, 3)) * size
+    upper = lower + generator.exponential(0.1, (100, 3)) * size
+    boxes = Boxes.from_arrays(lower, upper, "boxes")
+    least, greatest = (boxes.corners[:, end].astype(np.float64) for end in range(2))
+    assert (least <= (lower - boxes.origin) * boxes.scale).all()
+    assert (greatest >= (upper - boxes.origin) * boxes.scale).all()
+    assert 0.5 <= np.abs(boxes.corners).max() <= 1 + 2.0**-20
+    for corner in (np.nan, 1.7e308, 1e160):
+        with pytest.raises(MeshError, match=r"^boxes: .* give it in another unit"):
+            Boxes.from_arrays(np.array([[0, 0, -corner]]), np.array([[1, 1, corner]]), "boxes")
+
+
+def pack(save=np.savez, **arrays):
+    file = io.BytesIO()
+    save(file, **arrays)
+    return file.getvalue()
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read_content(name, content):
+        (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+        return read_spheres(tmp_path / name)
+
+    return read_content
+
+
+def test_tables_and_archives_are_read(read):
+    crlf = "# atoms\n" + ROWS.replace("\n", "\r\n")
+    for text in (ROWS, "x, y, z, radius\n" + ROWS, crlf, "\ufeff" + ROWS, "\n" + ROWS):
+        centres, radii = read("a.csv", text)
+        assert (centres.tolist(), radii.tolist()) == (CENTRES, [1, 2, 0.5])
+    for save in (np.savez, np.savez_compressed):
+        for dtype in ("<f8", ">f4", "<i4"):
+            whole = np.asfortranarray(CENTRES, dtype)
+            centres, radii = read("a.npz", pack(save, centres=whole, radii=whole[:, 1]))
+            assert (centres.tolist(), radii.tolist()) == (CENTRES, [0, 0, 2])
+            assert (centres.dtype, centres.flags.c_contiguous) == (np.float64, True)
+    assert read("a.npz", pack(centres=CENTRES))[1] is read("a.CSV", "1,2,3\n")[1] is None
+
+
+def make_archive(rows):
+    """An archive that promises more numbers than it has."""
+    text = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({rows}, 3), }}".encode().ljust(117) + b"\n"
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("centres.npy", b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + bytes(24))
+    return file.getvalue()
+
+
+def test_files_that_cannot_be_read_are_refused_by_name(read, tmp_path, monkeypatch):
+    promises = [("a.npz", make_archive(rows), f"centres has 3 numbers instead of {3 * rows:,}") for rows in (2, 2**61)]
+    for name, content, message in (
+        *promises,
+        ("a.txt", ROWS, r"must end in \.npz or \.csv"),
+        ("a.csv", "x,y,z,r\n", "no spheres"),
+        ("a.npz", "", "the file is empty"),
+        ("a.csv", "1,2\n", "x, y, z and a radius, not '1,2'"),
+        ("a.csv", ROWS + "1,2,3\n", "sphere 3 must have 4 numbers like the first one, not '1,2,3'"),
+        ("a.csv", "1,2,3,4\n1,2,x,4\n", "damaged"),
+        ("a.csv", b"\xff\xfe\x00", "damaged"),
+        ("a.npz", b"PK", "damaged"),
+        ("a.npz", pack(radii=[1]), "no array 'centres'"),
+        ("a.npz", pack(centres=[1, 2, 3]), r"centres must have shape \(n, 3\), not \(3,\)"),
+        ("a.npz", pack(centres=CENTRES, radii=[1, 2]), r"radii must have shape \(3,\), one for each centre, not"),
+        ("a.npz", pack(centres=np.array([[None] * 3])), "centres must be numbers, not object"),
+    ):
+        with pytest.raises(MeshError, match=message) as caught:
+            read(name, content)
+        assert str(caught.value).startswith(f"{tmp_path / name}: ")
+        assert "\n" not in str(caught.value)
+    asked = []
+
+    def refuse(subject, needed_bytes, error):
+        asked.append(needed_bytes)
+        raise error(f"{subject} needs too much")
+
+    monkeypatch.setattr(spheres_file, "check_memory", refuse)
+    for name, content in (("a.csv", ROWS), ("a.npz", pack(np.savez_compressed, centres=np.zeros((100_000, 3))))):
+        with pytest.raises(MeshError, match="needs too much"):
+            read(name, content)
+    assert asked[1] > 3 * 100_000 * 24
