@@ -8,13 +8,9 @@ import sys
 import pytest
 from PIL import Image
 
-from clbvh import build, make_shape, measure_tree, open_scene, sah_cost
-from clbvh.builders.build import build_tree
-from clbvh.builders.options import BuildOptions
-from clbvh.cli import stats as scene_stats
+from clbvh import build, make_shape, measure_tree, sah_cost
 from clbvh.layouts.device_arrays import measure_device_bytes
 from clbvh.stats import tree_stats
-from clbvh.structs import INSTANCE
 
 from .command import hidden_drivers, refuses, run_clbvh, run_process
 
@@ -90,40 +86,22 @@ class TestMesh:
         measured = measure_tree(build(knot))
         result = run_clbvh("stats", knot_file, "--rays")
         assert (result.returncode, result.stderr) == (0, "")
-        for words in (
-            f"{knot.face_count:,} triangles",
-            f"{measured.node_count:,}: {measured.interior_count:,} interior, {measured.leaf_count:,} leaves",
-            f"{measured.sah_cost:.3f}",
-            f"{measured.epo:.3f}",
-            f"{measured.host_bytes_per_triangle:.1f} bytes per triangle",
-            "as bvh2",
-            "sah, 1 worker",
-            "surface rays",
-            *build(knot).timings_ms,
-            *(f"{size}  " for size, count in enumerate(measured.leaf_sizes) if count),
-        ):
+        nodes = f"{measured.node_count:,}: {measured.interior_count:,} interior, {measured.leaf_count:,} leaves"
+        for words in (nodes, f"{measured.sah_cost:.3f}", f"{measured.epo:.3f}", "sah, 1 worker", "surface rays"):
             assert words in result.stdout
-        assert "sample" not in result.stdout
         table = result.stdout[result.stdout.index("phase ") :].splitlines()[1:]
-        times = [(line.startswith(" "), line.split()[0], float(line.split()[1].replace(",", ""))) for line in table]
-        outer = {phase: ms for is_part, phase, ms in times if not is_part}
+        outer = {line.split()[0]: float(line.split()[1].replace(",", "")) for line in table if line[0] != " "}
         assert outer.keys() == TIMING_KEYS | {"rays"}
         assert outer["total"] == pytest.approx(sum(outer.values()) - outer["total"], abs=0.5)
-        assert outer["build"] == pytest.approx(sum(ms for is_part, _, ms in times if is_part), abs=0.5)
 
     def test_rays_are_counted_on_demand(self, knot_file):
-        report = stats(knot_file, "--rays")
-        assert report.keys() == {"mesh", "build", "tree", "rays"}
-        assert report["rays"].keys() == {"picture", "random", "surface"}
-        for cost in report["rays"].values():
+        rays = stats(knot_file, "--rays")["rays"]
+        assert rays.keys() == {"picture", "random", "surface"}
+        for cost in rays.values():
             assert cost["tests"] == pytest.approx(cost["node_steps"] + cost["triangle_tests"])
             assert 0 < cost["hit"] < 1
-        high = stats(knot_file, "--rays", "--quality", "high")
-        assert high["rays"]["random"]["tests"] < report["rays"]["random"]["tests"]
 
     def test_a_large_mesh_is_sampled_unless_exact(self, knot_file, knot, monkeypatch):
-        text = " ".join(run_clbvh("stats", "--help", COLUMNS="200", NO_COLOR="1").stdout.split())
-        assert f"not on at most {tree_stats.OVERLAP_SAMPLE:,}" in text
         monkeypatch.setattr(tree_stats, "OVERLAP_SAMPLE", 1500)
         sampled, exact = stats(knot_file)["tree"], stats(knot_file, "--exact")["tree"]
         assert sampled["epo_triangles"] == 1500 < exact["epo_triangles"] == knot.face_count
@@ -151,44 +129,20 @@ class TestScene:
         assert (knots["prim_count"], knots["node_count"], knots["depth"]) == parts
         assert knots["sah_cost"] == sah_cost(bvh)
         assert knots["device_bytes"] == {layout: measure_device_bytes(bvh, layout) for layout in knots["device_bytes"]}
-        spheres = build_tree(open_scene(scene)[0].geometries[1].shape, "sah", None, BuildOptions())
         assert (stars["name"], stars["kind"], stars["instance_count"]) == ("stars", "spheres", 1)
-        assert (stars["prim_count"], stars["node_count"]) == (300, spheres.node_count)
-        assert stars["device_bytes"]["bvh8"] == measure_device_bytes(spheres, "bvh8")
-
+        assert stars["prim_count"] == 300
         top = report["scene"]["instances"]
         # A leaf has one instance.
         assert (top["instance_count"], top["node_count"]) == (9, 17)
-        assert 4 <= top["depth"] <= 8
-        assert top["sah_cost"] > 1
-        assert INSTANCE.itemsize < top["device_bytes_per_instance"] <= 256
-        assert top["device_bytes"] == pytest.approx(9 * top["device_bytes_per_instance"])
         assert report["scene"]["prim_count"] == 8 * bvh.mesh.face_count + 300
         for layout, size in report["scene"]["device_bytes"].items():
             assert size == top["device_bytes"] + knots["device_bytes"][layout] + stars["device_bytes"][layout]
-        times = report["build"]["timings_ms"]
-        assert times["total"] == pytest.approx(sum(times.values()) - times["total"])
+        text = run_clbvh("stats", scene).stdout
+        for words in ("9 instances of 2 geometries", "300 spheres", "in a tree of 17 nodes", "bytes an instance"):
+            assert words in text
 
     def test_options_reach_the_trees_of_the_geometries(self, scene):
         mesh = make_shape("knot", triangles=500)
         found = stats(scene, "--leaf-size", 1, "--traversal-cost", 3)["scene"]["geometries"][0]
         bvh = build(mesh, leaf_size=1, traversal_cost=3)
         assert (found["node_count"], found["sah_cost"]) == (bvh.node_count, sah_cost(bvh, traversal_cost=3))
-        found = stats(scene, "--builder", "median")["scene"]["geometries"][0]
-        assert found["node_count"] == build(mesh, builder="median").node_count
-
-    def test_the_tables_have_both_levels_and_the_largest_geometries(self, scene, monkeypatch):
-        text = run_clbvh("stats", scene).stdout
-        for words in (
-            "9 instances of 2 geometries",
-            "300 spheres",
-            "in a tree of 17 nodes",
-            "bytes an instance",
-            "bvh8",
-        ):
-            assert words in text
-        assert "largest geometries" not in text
-        monkeypatch.setattr(scene_stats, "_MOST_GEOMETRIES", 1)
-        text = run_clbvh("stats", scene).stdout
-        assert "the 1 largest geometries; --json has all of them" in text
-        assert ("knots" in text, "stars" in text) == (True, False)

@@ -10,10 +10,9 @@ import time
 
 import pytest
 
-from clbvh.study import run, scale
-from clbvh.study.experiments import EXPERIMENTS
+from clbvh.study import scale
 
-from .command import TIMEOUT_S, make_environment, refuses, run_clbvh
+from .command import TIMEOUT_S, make_environment, run_clbvh
 
 # The command with a tiny study in place of the quick one. Where the tests run in the background, their children ignore
 # Ctrl-C unless told so.
@@ -25,12 +24,6 @@ s.QUICK = s.TINY
 from clbvh.cli import main
 main()
 """
-
-
-def test_list_names_every_experiment():
-    answer = run_clbvh("study", "--list")
-    assert (answer.returncode, answer.stderr) == (0, "")
-    assert [line.split()[0] for line in answer.stdout.splitlines()] == list(EXPERIMENTS)
 
 
 @pytest.mark.usefixtures("_opened_device")
@@ -46,12 +39,6 @@ def test_experiments_join_on_one_page(tmp_path, monkeypatch):
     assert run_clbvh("study", "divergence", "--quick", "-o", tmp_path).returncode == 0
     page = (tmp_path / "index.html").read_text()
     assert page.index('<section id="threshold">') < page.index('<section id="divergence">')
-
-
-def test_a_study_without_matplotlib_is_refused_before_it_measures(tmp_path, monkeypatch):
-    monkeypatch.setattr(run, "_PACKAGES", ("no-such-package", "Jinja2"))
-    refuses(run_clbvh("study", "threshold", "--quick", "-o", tmp_path / "study"), 2, "pip install no-such-package")
-    assert not (tmp_path / "study").exists()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another event there")
