@@ -26,22 +26,22 @@ def expected(tracer, rays):
     return hits
 
 
-def test_hits_are_in_the_order_of_t(expected):
+def test_hits_are_in_the_order_of_t(tracer, rays, expected):
     assert (np.diff(expected.t)[np.diff(expected.ray_id) == 0] >= 0).all()
-
-
-def test_all_queries_agree(tracer, rays, expected):
-    np.testing.assert_array_equal(tracer.count_hits(*rays), expected.counts)
-    np.testing.assert_array_equal(tracer.any_hit(*rays), expected.counts > 0)
     closest = tracer.closest_hit(*rays)
-    np.testing.assert_array_equal(tracer.closest_prim(*rays), closest.prim_id)
     first = expected.offsets[:-1][closest.is_hit]
-    for field in ("t", "u", "v", "prim_id", "locations", "normals"):
+    for field in (*FIELDS, "locations", "normals"):
         np.testing.assert_array_equal(getattr(expected, field)[first], getattr(closest, field)[closest.is_hit])
 
 
+def test_hits_in_a_scene_lie_on_the_instance_that_is_hit(open_tracer, world, rays):
+    hits = open_tracer(world).all_hits(*rays)
+    on_ray = rays[0][hits.ray_id] + hits.t[:, None] * rays[1][hits.ray_id]
+    assert np.quantile(np.linalg.norm(on_ray - hits.locations, axis=1), 0.95) < 1e-12
+
+
 @pytest.mark.parametrize("most", [None, 1, 2, 1000])
-@pytest.mark.parametrize("slots", [(1, 2), (2, 3), (8, 4)], ids=str)
+@pytest.mark.parametrize("slots", [(1, 2), (2, 3)], ids=str)
 def test_max_hits_keeps_the_nearest_in_any_number_of_slots(tracer, rays, expected, monkeypatch, slots, most):
     monkeypatch.setattr(module, "FIRST_SLOTS", slots[0])
     monkeypatch.setattr(module, "SLOT_GROWTH", slots[1])
@@ -70,11 +70,11 @@ def test_threads_share_the_hits(tracer, mesh, monkeypatch):
             assert getattr(hits, field).tobytes() == getattr(expected, field).tobytes(), field
 
 
-@pytest.mark.parametrize(("chunk", "most"), [(2**20, 2**21), (100, 2**21), (1000, 64), (4096, 7), (4096, 1), (1, 1)])
+@pytest.mark.parametrize(("chunk", "most"), [(100, 2**21), (1000, 64), (4096, 7), (1, 1)])
 def test_any_number_of_rays_in_any_chunks(tracer, rays, expected, monkeypatch, chunk, most):
     monkeypatch.setattr(pieces, "CHUNK_RAYS", chunk)
     monkeypatch.setattr(module, "MOST_SLOTS", most)
-    for count in (0, 1, 63, 64, 65, 200, *((1024, 1025, 3072) if chunk > 1 else ())):
+    for count in (0, 1, 63, 64, 65, *((1024, 1025) if chunk > 1 else ())):
         told = []
         hits = tracer.all_hits(rays[0][:count], rays[1][:count], progress=lambda *now, told=told: told.append(now))
         np.testing.assert_array_equal(hits.offsets, expected.offsets[: count + 1])
@@ -83,8 +83,6 @@ def test_any_number_of_rays_in_any_chunks(tracer, rays, expected, monkeypatch, c
         if count:
             assert told[-1] == (count, count)
             assert len(told) == -(-count // min(chunk, max(1, most // module.FIRST_SLOTS)))
-    if chunk > 1:
-        np.testing.assert_array_equal(tracer.count_hits(*rays), expected.counts)
 
 
 def test_each_ray_keeps_its_limits_when_it_is_cast_again(tracer, rays, monkeypatch):
@@ -98,15 +96,6 @@ def test_each_ray_keeps_its_limits_when_it_is_cast_again(tracer, rays, monkeypat
     assert (hits.t <= limits["t_max"][hits.ray_id]).all()
 
 
-def test_hits_in_a_scene_lie_on_the_instance_that_is_hit(open_tracer, world, rays):
-    tracer = open_tracer(world)
-    hits, later = (tracer.all_hits(*rays, with_locations=now) for now in (True, False))
-    assert len(np.unique(hits.instance_id)) == 4
-    np.testing.assert_array_equal(hits.locations, later.locations)
-    on_ray = rays[0][hits.ray_id] + hits.t[:, None] * rays[1][hits.ray_id]
-    assert np.quantile(np.linalg.norm(on_ray - hits.locations, axis=1), 0.95) < 1e-12
-
-
 def test_the_hit_of_one_ray_is_a_number_without_a_length(tracer):
     hits = tracer.closest_hit([0.725, 0.01, 5], [0, 0, -1])
     assert bool(hits.is_hit)
@@ -115,8 +104,7 @@ def test_the_hit_of_one_ray_is_a_number_without_a_length(tracer):
     for function in (len, bool, list):
         with pytest.raises(TypeError, match=r"ask for hits\.is_hit$"):
             function(hits)
-    crossings = tracer.all_hits([0.725, 0.01, 5], [0, 0, -1])
-    assert crossings.offsets.tolist() == [0, len(crossings)]
+    assert tracer.all_hits([0.725, 0.01, 5], [0, 0, -1]).offsets.shape == (2,)
 
 
 def test_hits_are_chosen_as_arrays_are(tracer, rays):
@@ -133,7 +121,7 @@ def test_hits_are_chosen_as_arrays_are(tracer, rays):
         hits[9]
 
 
-def test_hits_are_of_the_ray_as_given(tracer, mesh, rays):
+def test_hits_are_of_the_ray_as_given(tracer, rays):
     """Not of the one that is rounded to float32 for the device."""
     generator = np.random.default_rng(34)
     origins, directions = (array + generator.uniform(-1e-3, 1e-3, array.shape) for array in rays)
@@ -141,11 +129,6 @@ def test_hits_are_of_the_ray_as_given(tracer, mesh, rays):
     found = np.flatnonzero(hits.is_hit)
     on_ray = origins[found] + hits.t[found, None] * directions[found]
     assert np.quantile(np.linalg.norm(on_ray - hits.locations[found], axis=1), 0.99) < 1e-13
-    assert np.isnan(hits.locations[~hits.is_hit]).all()
-    a, b, c = mesh.vertices[mesh.faces[hits.prim_id[found]]].transpose(1, 0, 2)
-    normals = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    np.testing.assert_allclose(hits.normals[found], normals, atol=1e-13)
 
 
 def test_a_hit_beside_its_triangle_moves_onto_it():
@@ -171,32 +154,22 @@ def interpolate_by_hand(hits, mesh, values):
     return np.where(hits.is_hit[..., None], expected, np.nan)
 
 
-def test_values_of_any_width_and_type_are_interpolated(tracer, mesh, rays):
-    hits = tracer.closest_hit(*(part[:50].reshape(5, 10, 3) for part in rays))
-    for dtype in ("float64", "float16", "uint64", "bool"):
-        values = np.random.default_rng(1).uniform(0, 100, (len(mesh.vertices), 6)).astype(dtype)
-        expected = interpolate_by_hand(hits, mesh, values.astype(np.float64))
-        for width in ((6,), (2, 3)):
-            result = hits.interpolate(values.reshape(-1, *width))
-            assert result.dtype == np.float64
-            np.testing.assert_allclose(result, expected.reshape(5, 10, *width), rtol=1e-12, atol=1e-12)
-        np.testing.assert_array_equal(hits.interpolate(values[:, 0].tolist()), result[..., 0, 0])
-    assert hits.interpolate(values[:, :0]).shape == (5, 10, 0)
-
-
 def test_values_at_vertices_give_locations_constants_and_nan(tracer, mesh, rays):
     hits = tracer.closest_hit(*rays)
     for values in (mesh.vertices, {0: mesh.vertices}, {"knot": mesh.vertices}):
         assert hits.interpolate(values).tobytes() == hits.locations.tobytes()
     assert (hits[hits.is_hit].interpolate([0.1] * len(mesh.vertices)) == 0.1).all()
-    assert hits[0].interpolate(mesh.vertices).shape == (3,)
-    assert hits[:0].interpolate(mesh.vertices).shape == (0, 3)
+    for index, shape in ((0, ()), (slice(0), (0,))):
+        assert hits[index].interpolate(mesh.vertices.reshape(-1, 3, 1)).shape == (*shape, 3, 1)
+    whole = np.random.default_rng(1).integers(0, 100, len(mesh.vertices))
+    for dtype in ("float16", "uint64"):
+        assert hits.interpolate(whole.astype(dtype)).tobytes() == hits.interpolate(whole * 1.0).tobytes()
     values = np.where(np.arange(len(mesh.vertices)) == mesh.faces[hits.prim_id.max(), 0], np.nan, 1.0)
     touches = np.isnan(values[mesh.faces[hits.prim_id]]).any(axis=1)
     np.testing.assert_array_equal(np.isnan(hits.interpolate(values)), touches | ~hits.is_hit)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def scene_hits(open_tracer, world, rays):
     return open_tracer(world).closest_hit(*rays)
 
@@ -222,11 +195,9 @@ def test_wrong_values_are_refused(mesh, scene_hits, monkeypatch):
         (np.ones(20), "the scene has 2 geometries: give the values as a mapping"),
         ({"car": np.ones(20)}, "no geometry with the name 'car', but 'knot', 'spheres'"),
         ({2: np.ones(20)}, "no geometry with the id 2: there are 2"),
-        ({True: np.ones(20)}, "not for True"),
         ({"spheres": np.ones(20), 1: np.ones(20)}, "values for the geometry 'spheres' twice"),
         ({1: np.ones(19)}, r"spheres: there must be one value or row for each of the 20 spheres, not \(19,\)"),
         ({0: np.ones((count, 2)), 1: np.ones(20)}, rf"'knot': \({count}, 2\), 'spheres': \(20,\)"),
-        ({0: 1.0}, rf"each of the {count} vertices, not \(\)"),
         ({1: ["x"] * 20}, "real numbers, not <U1"),
         ({1: np.ma.masked_equal(np.arange(20), 3)}, "some are masked"),
     ):

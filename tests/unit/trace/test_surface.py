@@ -15,9 +15,7 @@ from clbvh.trace.world.surface_arrays import make_surface_arrays
 from ...profiles import examples
 from .scene_states import affine, random_linear
 
-TRIANGLE = Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 2, 0]], [[0, 1, 2]])
 SQUARE = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-BALLS = Spheres([[1, 2, 3], [5, 2, 3]], [0.5, 1])
 
 
 def place(shapes, geometry_id, transforms):
@@ -74,22 +72,13 @@ class TestHits:
             np.testing.assert_allclose(hits.locations[index], linear @ point + offset, atol=1e-13)
             np.testing.assert_allclose(hits.normals[index], normal / np.linalg.norm(normal), atol=1e-11)
 
-    def test_facing_normals_point_against_the_rays(self, hits, rays):
-        assert ((hits.normals(facing=True) * rays[1]).sum(axis=1)[hits.is_hit] <= 0).all()
-        smooth = hits.normals(smooth=True)
-        np.testing.assert_array_equal(np.isnan(smooth).any(axis=1), ~hits.is_hit)
-        assert ((smooth * hits.normals).sum(axis=1)[hits.is_hit] < 0.99).any()
-
     def test_ids_of_hits_and_of_their_parts(self, hits, source):
         assert (hits.mesh is source) == isinstance(source, Mesh)
-        ids = [hits.prim_id, hits.instance_id, hits.geometry_id]
-        for array in ids:
-            assert array.dtype == np.int32
+        for name in ("prim_id", "instance_id", "geometry_id"):
+            array = getattr(hits, name)
             np.testing.assert_array_equal(array >= 0, hits.is_hit)
-        for part, index in ((hits[5:9], slice(5, 9)), (hits.take(np.array([3, 1])), [3, 1]), (hits[7], 7)):
-            for array, name in zip(ids, ("prim_id", "instance_id", "geometry_id"), strict=True):
+            for part, index in ((hits[5:9], slice(5, 9)), (hits.take(np.array([3, 1])), [3, 1]), (hits[7], 7)):
                 np.testing.assert_array_equal(getattr(part, name), array[index])
-        assert hits[7].geometry_id.shape == ()
 
     def test_a_copy_or_a_pickle_knows_what_they_know(self, hits):
         for other in (copy.copy(hits), copy.deepcopy(hits), pickle.loads(pickle.dumps(hits))):
@@ -152,30 +141,15 @@ class TestPlacedHits:
         heights = (leaving * in_object.normals).sum(axis=1)
         np.testing.assert_array_equal(np.sign(heights), np.where(hits.is_front, 1, -1))
 
-    def test_the_identity_changes_no_bit_of_a_location(self, mesh):
-        for shape in (mesh, BALLS):
-            hits = hits_on(place([BALLS, shape], [1], np.eye(4)), 0)
-            lone = Surface.from_shapes([shape], ["shape"], np.zeros(1, np.int32), None)
-            alone = Hits(hits.t, hits.u, hits.v, hits.prim_id, is_front=hits.is_front, surface=lone)
-            assert alone.locations.tobytes() == hits.locations.tobytes()
-            np.testing.assert_allclose(alone.normals, hits.normals, rtol=0, atol=1e-15)
-            # No map between the ray and the shape rounds anything.
-            leaps = [np.linalg.norm(each.offset_origins() - each.locations, axis=1) for each in (alone, hits)]
-            assert (leaps[0] < leaps[1] * (1 + 1e-9)).all()
-            assert (leaps[0] > leaps[1] / 4).all()
-
 
 class TestNormals:
     def test_they_behave_as_a_plain_array(self, normals):
         plain = np.asarray(normals)
-        assert type(plain) is np.ndarray
         assert repr(normals) == repr(plain)
-        assert str(normals) == str(plain)
         for result in (
-            normals * 2, 2 * normals, -normals, normals > 0, normals @ np.eye(3), normals.sum(axis=1), normals[0],
-            normals[plain > 0], np.where(plain > 0, normals, 0), np.concatenate([normals, normals]),
-            np.einsum("ij,ij->i", normals, normals), np.stack(arrays=(normals, normals)), np.array(normals),
-            pickle.loads(pickle.dumps(normals)), np.add.reduce(normals), copy.deepcopy(normals), normals(),
+            normals * 2, -normals, normals > 0, normals @ np.eye(3), normals.sum(axis=1), normals[0],
+            np.concatenate([normals, normals]), np.einsum("ij,ij->i", normals, normals), np.array(normals),
+            pickle.loads(pickle.dumps(normals)), np.add.reduce(normals), copy.deepcopy(normals), normals(), plain,
         ):  # fmt: skip
             assert type(result) is np.ndarray
         assert normals().tobytes() == pickle.loads(pickle.dumps(normals)).tobytes() == plain.tobytes()
@@ -183,27 +157,15 @@ class TestNormals:
     def test_what_is_refused(self, normals):
         with pytest.raises(TypeError, match="only the normals of hits can be called"):
             normals.reshape(-1)()
-        with pytest.raises(TypeError):
-            normals(True)
         of_unknown_side = Hits(*np.full((3, 1), 0.25), np.zeros(1, np.int32), SQUARE)
         with pytest.raises(ConfigError, match="from which side"):
             of_unknown_side.normals(facing=True)
-
-    @pytest.mark.parametrize("shape", [(), (0,), (2, 3)])
-    def test_they_have_the_shape_of_the_hits(self, shape):
-        hits = Hits(*np.full((3, *shape), 0.25), np.zeros(shape, np.int32), SQUARE, is_front=np.ones(shape, bool))
-        assert hits.normals.shape == hits.normals(smooth=True, facing=True).shape == (*shape, 3)
 
     def test_smooth_ones_are_the_vertex_normals_at_vertices(self, mesh):
         faces, nothing = np.arange(mesh.face_count, dtype=np.int32), np.zeros(mesh.face_count)
         for corner, (u, v) in enumerate(((0, 0), (1, 0), (0, 1))):
             smooth = Hits(nothing, nothing + u, nothing + v, faces, mesh).normals(smooth=True)
             np.testing.assert_allclose(smooth, mesh.vertex_normals[mesh.faces[:, corner]], rtol=0, atol=1e-15)
-
-    def test_a_face_and_its_back_have_the_normals_of_the_faces(self):
-        both = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 1]])
-        hits = Hits(*np.full((3, 2), 0.25), np.array([0, 1], np.int32), both)
-        np.testing.assert_array_equal(hits.normals(smooth=True), [[0, 0, 1], [0, 0, -1]])
 
     def test_collinear_corners_have_a_normal_across_them(self):
         """Float32 may see a triangle there, which is hit, and then has to be left."""
@@ -229,8 +191,6 @@ class TestArrays:
         assert (residual <= 1e-15 * (np.abs(arrays.linear) @ np.abs(arrays.inverse))).all()
         np.testing.assert_array_equal(arrays.is_mirrored, np.linalg.slogdet(linear)[0] < 0)
 
-    @pytest.mark.parametrize("unit", [1e-160, 1e160])
-    def test_a_size_beyond_float64_is_refused(self, unit):
-        transforms = np.stack((np.eye(4), np.eye(4), affine([unit] * 3)))
-        with pytest.raises(SceneError, match=r"instance 2 is smaller than .* or larger than"):
-            make_surface_arrays([SQUARE], np.zeros(3, np.int32), transforms)
+        for unit in (1e-160, 1e160):
+            with pytest.raises(SceneError, match=r"instance 1 is smaller than .* or larger than"):
+                make_surface_arrays([SQUARE], np.zeros(2, np.int32), np.stack((np.eye(4), affine([unit] * 3))))
