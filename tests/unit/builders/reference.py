@@ -9,9 +9,6 @@ from clbvh.builders.prim_refs import fill_slice
 from clbvh.geometry.corners import find_corners
 from clbvh.structs import BOX_LANES, NODE
 
-# The lanes of a row that are its box.
-BOX = [0, 1, 2, 4, 5, 6]
-
 
 def make_prim_refs(mesh):
     """Return the (2, n, 8) buffers that a build starts with, and the (2, 8) bounds of all."""

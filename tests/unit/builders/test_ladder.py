@@ -18,12 +18,11 @@ from clbvh.builders.ladder.subtrees import (
     Heap,
     allocate_node,
 )
-from clbvh.builders.options import MAX_DEPTH
 from clbvh.builders.processes.pool import open_executor
 
 from ...soup import make_soup
 from .reference import build_ladder, cut_between_bins, halve_by_median
-from .shapes import MESHES, exponential
+from .shapes import MESHES
 
 MEDIANS = ["sequential", "naive", "range", "cached", "median"]
 BINS = ["bin", "atomic", "flatten", "flat"]
@@ -41,36 +40,26 @@ def bytes_of(bvh):
     return bvh.nodes.tobytes(), bvh.prim_ids.tobytes()
 
 
-@pytest.mark.parametrize("mesh_name", SHALLOW)
-def test_the_first_five_variants_build_the_tree_of_medians(mesh_name):
-    mesh = MESHES[mesh_name]()
-    for leaf_size in (1, 4):
-        nodes, prim_ids = build_ladder(mesh, halve_by_median, leaf_size)
-        for name in MEDIANS:
-            bvh = build(mesh, builder=name, leaf_size=leaf_size)
-            assert bytes_of(bvh) == (nodes.tobytes(), prim_ids.tobytes()), name
-
-
-@pytest.mark.parametrize("mesh_name", SHALLOW)
-def test_the_others_build_the_tree_of_bins(mesh_name):
-    mesh = MESHES[mesh_name]()
-    for leaf_size, bins in ((1, 8), (4, 2), (4, 64)):
-        nodes, prim_ids = build_ladder(mesh, cut_between_bins, leaf_size, bins)
-        for name in BINS:
-            bvh = build(mesh, builder=name, leaf_size=leaf_size, bins=bins if bins != 8 else None)
-            assert bytes_of(bvh) == (nodes.tobytes(), prim_ids.tobytes()), name
+def test_variants_build_the_tree_of_medians_or_that_of_bins():
+    for mesh_name in SHALLOW:
+        mesh = MESHES[mesh_name]()
+        for names, divide, leaf_size, bins in (
+            (MEDIANS, halve_by_median, 1, None),
+            (MEDIANS, halve_by_median, 4, None),
+            (BINS, cut_between_bins, 1, None),
+            (BINS, cut_between_bins, 4, 2),
+            (BINS, cut_between_bins, 4, 64),
+        ):
+            nodes, prim_ids = build_ladder(mesh, divide, leaf_size, bins or 8)
+            for name in names:
+                bvh = build(mesh, builder=name, leaf_size=leaf_size, bins=bins)
+                assert bytes_of(bvh) == (nodes.tobytes(), prim_ids.tobytes()), (mesh_name, name)
 
 
 def test_the_frontier_is_the_size_of_the_leaves(mesh):
     for frontier in (4, 100):
         stopped = build(mesh, builder="frontier", leaf_size=1, frontier=frontier)
         assert bytes_of(stopped) == bytes_of(build(mesh, builder="flat", leaf_size=frontier))
-    assert build(mesh, builder="frontier", frontier=8192).node_count == 1
-
-
-def test_bins_reach_the_depth_limit_and_medians_do_not():
-    assert build(exponential(), builder="bin", bins=2, leaf_size=1).depth == MAX_DEPTH
-    assert build(exponential(), builder="median", leaf_size=1).depth < 12
 
 
 @njit(cache=True, nogil=True)

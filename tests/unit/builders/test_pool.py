@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clbvh import SubtreePool, build, validate_tree
+from clbvh import SubtreePool, build
 from clbvh.builders.executor import ThreadExecutor
 from clbvh.builders.processes import shared_memory
 from clbvh.builders.processes.pool import open_executor
 from clbvh.builders.processes.shared_memory import SharedArray
 from clbvh.builders.sah import build_sah as sah_module
 from clbvh.errors import ConfigError, PoolError
-from clbvh.support.host_threads import HostThreads, usable_cores
+from clbvh.support.host_threads import HostThreads
 
 from ...processes import list_session, start_script, wait_until
 from ...soup import make_soup
@@ -33,34 +33,22 @@ def add(arrays, name, number):
     return number
 
 
-def list_names(arrays):
-    return sorted(arrays)
-
-
 def total(arrays, name):
     return float(arrays[name].sum())
 
 
-def fail(arrays, word):
-    raise ValueError(f"the word is {word}")
-
-
-def leave(arrays, code):
-    sys.exit(code)
-
-
-def sleep_or_die(arrays, seconds):
-    if seconds is None:
+def end(arrays, how):
+    if how == "raise":
+        raise ValueError("the word is swordfish")
+    if how == "exit":
+        sys.exit(3)
+    if how == "die":
         os.kill(os.getpid(), signal.SIGKILL)
-    time.sleep(seconds)
+    time.sleep(LONG_S)
 
 
 def processes_of(pool):
     return [worker.process for worker in pool._workers]
-
-
-def count_open_files():
-    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 @pytest.fixture(scope="module")
@@ -97,9 +85,9 @@ def test_a_step_sees_and_changes_the_arrays(executor):
     assert executor.map(add, []) == []
     assert executor.map(total, [("created",), ("shared",)]) == [3 * 299 * 150, 10]
     assert created.tolist() == [299 * 150] * 3
-    assert set(map(tuple, executor.run_on_each(list_names))) == {("created", "shared")}
+    assert set(map(tuple, executor.run_on_each(sorted))) == {("created", "shared")}
     executor.discard("shared")
-    assert executor.map(list_names, [()]) == [["created"]]
+    assert executor.map(sorted, [()]) == [["created"]]
 
 
 def test_shared_memory_is_not_in_dev_shm_and_too_little_of_it_is_refused(monkeypatch, tmp_path):
@@ -118,63 +106,52 @@ def test_shared_memory_is_not_in_dev_shm_and_too_little_of_it_is_refused(monkeyp
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_pool_serves_many_builds_and_leaves_no_file_open(pool):
-    kept = build(make_soup(2000, seed=1), pool=pool, task_threshold=100)
-    before, open_before = kept.nodes.tobytes(), count_open_files()
-    for seed in range(10):
-        validate_tree(build(make_soup(100 + seed, seed), pool=pool, task_threshold=10))
-    assert count_open_files() == open_before
-    assert kept.nodes.tobytes() == before
+def test_a_pool_serves_the_builds_of_many_threads_and_leaves_no_file_open(pool):
+    def count_open_files():
+        return len(list(Path("/proc/self/fd").iterdir()))
 
-
-def test_builds_of_two_threads_take_turns(pool):
-    meshes = [make_soup(3000, seed=seed) for seed in range(4)]
+    meshes = [make_soup(1000 + seed, seed=seed) for seed in range(8)]
+    build(meshes[-1], pool=pool, task_threshold=100)
+    open_before = count_open_files()
     with HostThreads(4) as threads:
         trees = threads.run(lambda mesh: build(mesh, pool=pool, task_threshold=100), [(mesh,) for mesh in meshes])
     for mesh, tree in zip(meshes, trees, strict=True):
         assert tree.nodes.tobytes() == build(mesh).nodes.tobytes()
+    del tree, trees
+    assert count_open_files() == open_before
 
 
-def test_the_number_of_workers_is_that_of_the_processors_or_a_whole_number():
-    assert usable_cores() == len(os.sched_getaffinity(0))
+def test_a_closed_pool_has_ended_its_processes_refuses_and_may_be_closed_again():
     with SubtreePool() as pool:
-        assert (pool.workers, repr(pool)) == (usable_cores(), f"SubtreePool(workers={usable_cores()})")
-    for workers in (0, -1, 1025, 10**9, 2.5, "2", True):
+        pool.wait_ready()
+        processes = processes_of(pool)
+        assert [process.exitcode for process in processes] == [None] * len(os.sched_getaffinity(0))
+    assert {process.exitcode for process in processes} == {0}
+    pool.close()
+    for use in (pool.wait_ready, lambda: build(make_soup(100, seed=0), pool=pool, task_threshold=10)):
+        with pytest.raises(PoolError, match="the pool is closed: create another one"):
+            use()
+    for workers in (0, -1, 1025, 2.5, "2", True):
         with pytest.raises(ConfigError, match=rf"workers must be (1 to 1024|a whole number), not '?{workers}"):
             SubtreePool(workers=workers)
 
 
-def test_a_closed_pool_has_ended_its_processes_refuses_and_may_be_closed_again():
-    with SubtreePool(workers=2) as pool:
-        pool.wait_ready()
-        processes = processes_of(pool)
-        assert [process.exitcode for process in processes] == [None, None]
-    assert [process.exitcode for process in processes] == [0, 0]
-    pool.close()
-    assert repr(pool) == "SubtreePool(workers=2, closed)"
-    for use in (pool.wait_ready, lambda: build(make_soup(100, seed=0), pool=pool, task_threshold=10)):
-        with pytest.raises(PoolError, match="the pool is closed: create another one"):
-            use()
-
-
-def test_a_step_that_raises_arrives_with_its_traceback_and_closes_the_pool(doomed):
-    message = r"(?s)worker \d failed:.*in fail\n.*ValueError: the word is swordfish"
+@pytest.mark.parametrize(
+    ("ways", "message"),
+    [
+        (["sleep", "die"], r"worker 1 died \(exit code -9\)"),
+        (["exit"], r"worker 0 died \(exit code 3\)"),
+        (["raise"] * 4, r"(?s)^worker \d failed:.*in end\n.*ValueError: the word is swordfish"),
+    ],
+)
+def test_a_worker_that_fails_is_an_error_at_once_though_another_is_busy(doomed, ways, message):
+    begin = time.perf_counter()
     with pytest.raises(PoolError, match=message) as caught, open_executor(doomed) as executor:
-        executor.map(fail, [("swordfish",)] * 4)
-    assert str(caught.value).count("Traceback") == 1
+        executor.map(end, [(how,) for how in ways])
+    assert time.perf_counter() - begin < SOON_S
+    assert str(caught.value).count("Traceback") == ("raise" in ways)
     with pytest.raises(PoolError, match="closed"):
         doomed.wait_ready()
-
-
-@pytest.mark.parametrize(("step", "tasks", "message"), [
-    (sleep_or_die, [(LONG_S,), (None,)], r"worker 1 died \(exit code -9\)"),
-    (leave, [(3,)], r"worker 0 died \(exit code 3\)"),
-])  # fmt: skip
-def test_a_worker_that_dies_is_an_error_at_once_though_another_is_busy(doomed, step, tasks, message):
-    begin = time.perf_counter()
-    with pytest.raises(PoolError, match=message), open_executor(doomed) as executor:
-        executor.map(step, tasks)
-    assert time.perf_counter() - begin < SOON_S
 
 
 def test_a_worker_killed_from_outside_during_a_build_is_an_error_and_a_new_pool_builds(doomed, monkeypatch):
@@ -218,8 +195,8 @@ if __name__ == "__main__":
 
 
 @pytest.fixture
-def script(short_path):
-    """A function that starts a script in a session of its own, with the folder that must be empty in the end."""
+def start(short_path):
+    """A function that starts a script in a session of its own; no process and no file of it may be left."""
     folder, started = short_path / "temporary", []
     folder.mkdir()
 
@@ -227,23 +204,21 @@ def script(short_path):
         path = short_path / "script.py"
         path.write_text(text)
         started.append(start_script([path], folder))
-        return started[-1], folder
+        return started[-1]
 
     yield start
-    for process in started:
-        for left_over in list_session(process.pid):
-            os.kill(left_over, signal.SIGKILL)
-        process.communicate()
-
-
-def assert_nothing_left(process, folder):
-    assert wait_until(lambda: not list_session(process.pid)), f"processes left: {list_session(process.pid)}"
-    assert wait_until(lambda: not list(folder.iterdir())), f"files left: {list(folder.iterdir())}"
+    (process,) = started
+    is_empty = wait_until(lambda: not [*list_session(process.pid), *folder.iterdir()])
+    left_over = [*list_session(process.pid), *folder.iterdir()]
+    for left in list_session(process.pid):
+        os.kill(left, signal.SIGKILL)
+    process.communicate()
+    assert is_empty, left_over
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL, signal.SIGTERM])
-def test_a_coordinator_that_is_stopped_during_a_build_leaves_nothing(script, number):
-    process, folder = script(BUSY_SCRIPT)
+def test_a_coordinator_that_is_stopped_during_a_build_leaves_nothing(start, number):
+    process = start(BUSY_SCRIPT)
     assert process.stdout.readline() == "building\n"
     assert len(list_session(process.pid)) >= 3
     if number == signal.SIGINT:  # Ctrl-C reaches the workers, too
@@ -256,11 +231,9 @@ def test_a_coordinator_that_is_stopped_during_a_build_leaves_nothing(script, num
     tracebacks = errors.count("Traceback") - errors.count("During handling of the above exception")
     assert tracebacks == (number == signal.SIGINT)
     assert errors.rstrip().endswith("KeyboardInterrupt" * tracebacks)
-    assert_nothing_left(process, folder)
 
 
-def test_a_pool_that_nobody_closes_ends_with_the_script(script):
-    process, folder = script(FORGETFUL_SCRIPT)
+def test_a_pool_that_nobody_closes_ends_with_the_script(start):
+    process = start(FORGETFUL_SCRIPT)
     assert process.communicate(timeout=SOON_S) == ("True\n", "")
     assert process.returncode == 0
-    assert_nothing_left(process, folder)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-import clbvh.study
 from clbvh.errors import ConfigError
 from clbvh.study import machine as machines
-from clbvh.study.experiment import Experiment, curve
+from clbvh.study.experiment import Experiment
 from clbvh.study.experiments import EXPERIMENTS, find_experiments
 from clbvh.study.page import Table
 from clbvh.study.publish import (
@@ -35,21 +35,17 @@ DOCUMENTED = PROJECT / "docs" / SAMPLES_FOLDER
 SMALL = dataclasses.replace(TINY, rounds=1, least_rounds=1)
 
 
-def first_cases(experiment):
-    """Return a function that gives the first case of an experiment, and of the contest those of our own engine."""
-    whole = experiment.cases
-    if experiment.name == "peers":
-        return lambda scale: [case for case in whole(scale) if case["engine"] == "clbvh"]
-    return lambda scale: whole(scale)[:1]
-
-
 @pytest.fixture(scope="module")
 def study(tmp_path_factory, _opened_device):
-    """A finished study of all experiments, and its folder."""
+    """A finished study of the first case of all experiments, of the contest those of our own engine; and its folder."""
     folder = tmp_path_factory.mktemp("study")
+
+    def first_cases(scale, *, whole, is_contest):
+        return [case for case in whole(scale) if case["engine"] == "clbvh"] if is_contest else whole(scale)[:1]
+
     with pytest.MonkeyPatch.context() as patch:
-        for experiment in EXPERIMENTS.values():
-            patch.setattr(experiment, "cases", first_cases(experiment))
+        for name, experiment in EXPERIMENTS.items():
+            patch.setattr(experiment, "cases", partial(first_cases, whole=experiment.cases, is_contest=name == "peers"))
         yield run_study(folder, scale=SMALL), folder
 
 
@@ -65,37 +61,18 @@ def test_cases_differ_and_have_the_keys_of_their_group():
         find_experiments(["ladders"])
 
 
-def test_no_figure_of_the_report_is_typed_into_an_experiment():
-    """Figures with three digits and more, which are nobody's choice of a size or a number of cases."""
-    assert curve("scaling.build_ms") == {1: 2687, 8: 570}
-    folder = Path(clbvh.study.__file__).parent
-    lines = [line for line in (folder / "report.toml").read_text().splitlines() if not line.startswith("#")]
-    figures = set(re.findall(r"\b\d+\.?\d+\b", "\n".join(line.partition("=")[2] for line in lines)))
-    figures = {figure for figure in figures if len(figure.replace(".", "")) >= 3} - {"256", "450", "800"}
-    assert "2687" in figures
-    for path in folder.rglob("*.py"):
-        if path.name != "scale.py":  # sizes of the scans are needed to find stand-ins
-            assert not figures & set(re.findall(r"\b\d+\.?\d*\b", path.read_text().replace("_", ""))), path
-
-
-def test_the_page_has_a_table_for_every_experiment_and_every_time_its_sample(study):
-    study, _ = study
-    text = study.page.read_text("utf-8")
+def test_a_page_has_all_experiments_and_a_finished_study_measures_nothing_again(study, monkeypatch):
+    study, folder = study
+    text, samples = study.page.read_text("utf-8"), study.samples.read_text()
     assert set(EXPERIMENTS) <= set(check_self_contained(text).ids)
     for name in EXPERIMENTS:
         assert "<table " in text.partition(f'<section id="{name}">')[2].partition("</section>")[0], name
-    lines = study.samples.read_text().splitlines()
-    assert sum('"kind": "sample"' in line for line in lines) >= len(EXPERIMENTS)
-    assert len(study.table.read_text().splitlines()) > len(lines)
-
-
-def test_a_finished_study_measures_nothing_again_and_its_page_can_be_written_again_alone(study, monkeypatch):
-    study, folder = study
-    samples, page = study.samples.read_bytes(), study.page.read_bytes()
+        assert f'"experiment": "{name}"' in samples
+    assert len(study.table.read_text().splitlines()) > len(samples.splitlines())
     monkeypatch.setattr("clbvh.study.run.sample_group", None)
-    assert run_study(folder, scale=SMALL).samples.read_bytes() == samples
+    assert run_study(folder, scale=SMALL).samples.read_text() == samples
     study.page.unlink()
-    assert run_study(folder, scale=SMALL, only_page=True).page.read_bytes() == page
+    assert run_study(folder, scale=SMALL, only_page=True).page.read_text("utf-8") == text
 
 
 def test_another_version_is_noticed_and_nothing_is_mixed(study, monkeypatch, tmp_path):
