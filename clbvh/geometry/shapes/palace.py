@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .solids import CUBE_FACES, Solid, make_beam, make_box, make_lathe, require_triangles
 
-# The triangles of a whole hall, most of them in its furniture; `tests/unit/geometry/test_palace.py` checks the number.
+# The triangles of a whole hall, most of them in its furniture; a test checks the number.
 HALL_TRIANGLES = 6620
 
 _HEIGHT = 4.2  # of a storey
