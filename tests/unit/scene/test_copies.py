@@ -29,8 +29,8 @@ def test_a_grid_stands_around_the_object_and_x_runs_fastest():
     assert (copies[:, 3] == [0, 0, 0, 1]).all()
     places = [[-2, 0.5, -5], [0, 0.5, -5], [2, 0.5, -5], [-2, 0.5, 5], [0, 0.5, 5], [2, 0.5, 5]]
     assert copies[:, :3, 3] == pytest.approx(np.array(places))
-    heights = Grid((2, 3, 1), (1, 10, 0)).matrices(np.eye(4))[:, 1, 3]
-    assert heights.tolist() == [-10, -10, 0, 0, 10, 10]
+    heights = Grid((2, 3, 2), (1, 10, 5)).matrices(np.eye(4))[:, 1, 3]
+    assert heights.tolist() == [-10, -10, 0, 0, 10, 10] * 2
 
 
 def test_upright_copies_stand_on_the_surface_scaled_within_the_limits():
