@@ -1,7 +1,5 @@
 """The devices of made-up machines and of this one: their order, and which of them a word means."""
 
-import subprocess
-import sys
 from itertools import permutations
 
 import pyopencl as cl
@@ -128,16 +126,6 @@ def test_no_match_names_all_devices_and_an_ambiguous_word_those_that_fit(word):
     assert [device.name for device in MACHINE if str(device) in str(caught.value)] == names_of([IRIS, INTEL_CPU])
 
 
-def test_the_devices_of_this_machine_describe_themselves():
-    devices = list_devices()
-    assert [device.number for device in devices] == list(range(len(devices)))
-    for device in devices:
-        assert device.cl_device.name.split() == device.name.split()
-        assert device.memory_bytes >= device.max_allocation_bytes > 0
-        assert device.version.startswith("OpenCL ")
-        assert device.layout == ("bvh8" if device.kind == "cpu" else "bvh2")
-
-
 def test_the_environment_variable_decides_only_when_nothing_is_asked_for(monkeypatch):
     last = list_devices()[-1]
     monkeypatch.setenv("CLBVH_DEVICE", str(last.number))
@@ -178,30 +166,3 @@ def test_one_failing_platform_or_device_does_not_hide_the_others(monkeypatch):
     assert "platform 0 cannot be asked" in survey.problems[0]
     assert survey.problems[1] == "the platform 'rusticl' offers no device"
     assert "cannot be described" in survey.problems[2]
-
-
-CHOOSE = """
-from clbvh.device.select import choose_device
-from clbvh.errors import DeviceError
-try:
-    choose_device()
-except DeviceError as error:
-    print(error)
-"""
-
-
-def choose_in_a_process():
-    """What a fresh process says: a loader reads its environment once."""
-    process = subprocess.run([sys.executable, "-c", CHOOSE], capture_output=True, text=True, check=True, timeout=60)
-    return process.stdout
-
-
-def test_no_driver_and_no_loader_point_to_the_doctor(tmp_path, monkeypatch):
-    (tmp_path / "gone.icd").write_text("libgone.so.1\n")
-    monkeypatch.setenv("OCL_ICD_VENDORS", str(tmp_path / "gone.icd"))
-    assert choose_in_a_process() == "no OpenCL device was found: run `clbvh doctor` to find the cause\n"
-    (tmp_path / "pyopencl.py").write_text("raise ImportError('libOpenCL.so.1: cannot open shared object file')\n")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    said = choose_in_a_process()
-    assert said.startswith("pyopencl cannot be imported (libOpenCL.so.1: cannot open shared object file)")
-    assert "clbvh doctor" in said

@@ -117,13 +117,9 @@ def test_times_add_up_by_label_also_in_threads_and_a_command_that_failed_has_non
     def fail():
         raise make_error("OUT_OF_RESOURCES")
 
-    times = EventTimes()
+    times, seen = EventTimes(), []
     times.note("kernel", SimpleNamespace(wait=fail))
-    for label, event in [("kernel", Event(1_000_000, 3_500_000)), ("upload", Event(0, 250_000))]:
-        times.note(label, event)
-    times.sums_ms()["kernel"] = 0
-    assert times.sums_ms() == {"kernel": 2.5, "upload": 0.25}
-    seen = []
+    times.note("kernel", Event(1_000_000, 3_500_000))
 
     def note_many():
         for _ in range(2000):
@@ -134,7 +130,7 @@ def test_times_add_up_by_label_also_in_threads_and_a_command_that_failed_has_non
     run_in_threads(note_many)
     # A long session does not hoard events.
     assert sum(event() is not None for event in seen) < 500
-    assert times.sums_ms()["upload"] == pytest.approx(2000 * THREADS + 0.25)
+    assert times.sums_ms() == {"kernel": 2.5, "upload": 2000 * THREADS}
 
 
 THREADS = 6
@@ -189,16 +185,8 @@ def make_error(code):
     return cl.RuntimeError(cl._cl._ErrorRecord(msg="", code=getattr(cl.status_code, code), routine="clEnqueue"))
 
 
-@pytest.mark.parametrize(
-    ("code", "is_lost"),
-    [
-        ("OUT_OF_RESOURCES", True),
-        ("INVALID_COMMAND_QUEUE", True),
-        ("MEM_OBJECT_ALLOCATION_FAILURE", False),
-        (None, False),
-    ],
-)
-def test_a_context_that_the_driver_has_given_up_is_not_shared_any_more(session, code, is_lost):
+@pytest.mark.parametrize("code", ["OUT_OF_RESOURCES", "INVALID_COMMAND_QUEUE", "MEM_OBJECT_ALLOCATION_FAILURE", None])
+def test_a_context_that_the_driver_has_given_up_is_not_shared_any_more(session, code):
     def fail(*arguments):
         raise make_error(code)
 
@@ -207,7 +195,7 @@ def test_a_context_that_the_driver_has_given_up_is_not_shared_any_more(session, 
         with pytest.raises(DeviceError, match="cannot run the kernel 'fail'"):
             before.run(Kernel(fail, []), (1,), (1,))
         with DeviceSession(session.info) as after:
-            assert (after.shared is not before.shared) == is_lost
+            assert (after.shared is not before.shared) == (code in ("OUT_OF_RESOURCES", "INVALID_COMMAND_QUEUE"))
             # Buffers belong to a context, and so to all branches of a session.
             assert before.branch().shared is before.shared
             back = np.zeros(5)

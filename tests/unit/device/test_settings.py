@@ -17,14 +17,14 @@ from tests.worlds import open_mesh
 MEASURED = Settings("bvh4", 128, (16, 4), is_measured=True, measured_ms=12.5)
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("CLBVH_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
 
 
 @pytest.fixture
-def info(session):
+def info(session, cache):
     return session.info
 
 

@@ -1,6 +1,5 @@
 """Machine code is never older than any source it was made from; compiled functions of numbers."""
 
-import ast
 import json
 import math
 import re
@@ -19,11 +18,6 @@ from clbvh.support.compiled import INTERPRETED_ROOMS, digest_sources
 from clbvh.support.loop_functions import exponent_of, power_of_two, times_power_of_two
 
 PACKAGE = Path(clbvh.__file__).parent
-SOURCES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
-
-# Decorators of functions whose types numba infers.
-COMPILING = {"compiled", "intrinsic", "overload", "instruction"}
-
 # A package whose function `twice` is compiled into `quadruple`, which stands in another file.
 TWICE = "from clbvh.support.compiled import compiled\n\n\n@compiled\ndef twice(x):\n    return {factor} * x\n"
 QUADRUPLE = """
@@ -38,36 +32,6 @@ def quadruple(x):
 
 print(quadruple(3))
 """
-
-
-def decorators_of(function):
-    nodes = (node.func if isinstance(node, ast.Call) else node for node in function.decorator_list)
-    return {node.id for node in nodes if isinstance(node, ast.Name)}
-
-
-def functions_of(tree, *, inside_compiled=False):
-    """Yield the functions that are not compiled, nor defined inside compiled ones."""
-    for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.FunctionDef):
-            is_compiled = inside_compiled or bool(decorators_of(node) & COMPILING)
-            if not is_compiled:
-                yield node
-            yield from functions_of(node, inside_compiled=is_compiled)
-        else:
-            yield from functions_of(node, inside_compiled=inside_compiled)
-
-
-def test_functions_that_are_not_compiled_are_annotated():
-    bare = []
-    for name in SOURCES:
-        for function in functions_of(ast.parse((PACKAGE / name).read_text())):
-            arguments = function.args.posonlyargs + function.args.args + function.args.kwonlyargs
-            named = [one for one in arguments if one.arg not in ("self", "cls")]
-            if name.as_posix() == "cli/fetch.py":  # a progress bar's duck type
-                continue
-            if function.returns is None or any(one.annotation is None for one in named):
-                bare.append(f"{name}:{function.lineno} {function.name}")
-    assert not bare
 
 
 def test_rooms_outside_the_digest_compile_nothing():

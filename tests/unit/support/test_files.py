@@ -3,7 +3,6 @@
 import logging
 import os
 import socket
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -11,7 +10,6 @@ import pytest
 from clbvh.errors import ConfigError, MeshError
 from clbvh.support import files, memory
 from clbvh.support.files import (
-    check_target,
     open_regular,
     read_regular,
     remove_unfinished,
@@ -21,7 +19,6 @@ from clbvh.support.files import (
 )
 from clbvh.support.memory import check_memory, free_memory_bytes
 from clbvh.support.say_once import say_compiling, say_once
-from clbvh.support.stopwatch import add_total
 
 
 def names_in(folder):
@@ -78,17 +75,6 @@ def test_a_link_is_followed_and_stays(tmp_path):
         assert (tmp_path / "link").is_symlink()
         assert (tmp_path / "folder/new").read_bytes() == content
     assert names_in(tmp_path / "folder") == ["new"]
-
-
-def test_targets_that_cannot_be_are_refused_before_the_work(tmp_path):
-    for path, words in {
-        tmp_path / "gone" / "a": "does not exist",
-        tmp_path: "this is a folder",
-        Path("/proc/self/a"): "no file can be written into the folder",
-    }.items():
-        with pytest.raises(ConfigError, match=words):
-            check_target(path)
-    check_target(tmp_path / "a")
 
 
 def make_special(path, kind):
@@ -183,8 +169,3 @@ def test_a_reason_to_wait_is_on_stderr_once_however_the_program_logs(monkeypatch
         assert capsys.readouterr().err == line
         say_once("a cache that cannot be used")
         assert len(capsys.readouterr().err.splitlines()) == of_any_sentence
-
-
-def test_a_total_is_the_sum_of_its_phases_and_no_time_is_below_zero():
-    assert add_total({"load": 3.0, "build": 4.0}, 10.0) == {"load": 3.0, "build": 4.0, "other": 3.0, "total": 10.0}
-    assert add_total({"kernel": 10.001}, 10.0)["other"] == 0

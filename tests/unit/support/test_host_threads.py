@@ -1,11 +1,9 @@
 """Compiled loops in several threads."""
 
-import gc
 import itertools
 import signal
 import threading
 import time
-import weakref
 
 import numba
 import numpy as np
@@ -64,11 +62,6 @@ def test_an_error_arrives_after_all_have_ended(threads):
         assert len(ended) == before + 1
 
 
-def test_the_error_of_the_first_step_is_raised():
-    with pytest.raises(ZeroDivisionError):
-        side_by_side(lambda: 1 / 0, lambda: [][0])
-
-
 def test_ranges_cover_all_rows_once_in_parts_that_are_nearly_equal(threads):
     for row_count in (0, 1, 99, 100, 1001):
         seen = np.zeros(row_count, int)
@@ -111,28 +104,6 @@ def test_threads_are_shared_by_all_users_and_end_when_they_are_closed_or_garbage
         assert not thread.is_alive()
 
 
-def test_closing_while_another_thread_runs_tasks():
-    is_over, errors = threading.Event(), []
-
-    def use(threads):
-        try:
-            while not is_over.is_set():
-                assert threads.run(abs, [(-1,), (-2,), (-3,)]) == [1, 2, 3]
-        except BaseException as error:
-            errors.append(error)
-
-    with HostThreads(3) as threads:
-        users = [threading.Thread(target=use, args=(threads,)) for _ in range(3)]
-        for user in users:
-            user.start()
-        for _ in range(100):
-            threads.close()
-        is_over.set()
-        for user in users:
-            user.join()
-    assert errors == []
-
-
 def test_ctrl_c_while_waiting_for_another_thread_waits_on(ctrl_c):
     main_thread, is_running, ended = threading.main_thread(), threading.Event(), []
 
@@ -172,24 +143,6 @@ def test_after_ctrl_c_in_a_task_no_other_is_running(ctrl_c):
         assert threads.run(abs, [(-1,), (-2,)]) == [1, 2]
         time.sleep(0.3)
         assert len(ended) == before
-
-
-def test_an_error_leaves_no_reference_to_its_arguments():
-    class Item:
-        pass
-
-    item = Item()
-    seen = weakref.ref(item)
-    gc.disable()
-    try:
-        with HostThreads(2) as threads:
-            with pytest.raises(TypeError):
-                threads.run(lambda item: item + 1, [(item,), (item,)])
-            del item
-            assert threads.run(abs, [(1,), (2,)]) == [1, 2]
-        assert seen() is None
-    finally:
-        gc.enable()
 
 
 def test_where_no_thread_can_start_the_work_is_done_all_the_same(monkeypatch):
