@@ -113,20 +113,14 @@ DEFINES = {"LONE": 0, "HAS_SPHERES": 1}
 PLACES = 4000
 
 
-def make_maps(kind, generator):
-    """(n, 3, 3) float64."""
-    rotations, others = (np.linalg.qr(generator.normal(size=(PLACES, 3, 3)))[0] for _ in range(2))
-    sizes = 10.0 ** generator.uniform(-1, 1, (PLACES, 3))
-    rotations[:, :, 0] *= generator.choice([-1, 1], (PLACES, 1))  # every other one is a mirror
-    sizes = {"similar": sizes[:, :1] * np.ones(3), "flat": sizes * [1, 1, 1e-4]}.get(kind, sizes)
-    maps = rotations * sizes[:, None] * 10.0 ** generator.uniform(-12, 0, (PLACES, 1, 1))
-    return maps if kind in ("similar", "scale") else maps @ others
-
-
-@pytest.mark.parametrize("kind", ["similar", "scale", "shear", "flat"])
-def test_distances_of_what_an_instance_places(call, kind):
-    generator = np.random.default_rng([1420, len(kind)])
-    maps, centres = make_maps(kind, generator), generator.uniform(-1, 1, (PLACES, 3))
+def test_distances_of_what_an_instance_places(call):
+    generator = np.random.default_rng(1420)
+    # Sheared, flat, tiny, and every other one a mirror.
+    maps, others = (np.linalg.qr(generator.normal(size=(PLACES, 3, 3)))[0] for _ in range(2))
+    sizes = 10.0 ** (generator.uniform(-1, 1, (PLACES, 3)) + generator.uniform(-12, 0, (PLACES, 1)))
+    sizes[::3, 2] *= 1e-4
+    maps[::2, :, 0] *= -1
+    maps, centres = (maps * sizes[:, None]) @ others, generator.uniform(-1, 1, (PLACES, 3))
     instances = np.zeros(PLACES, INSTANCE)
     instances["to_world"], instances["kind"], instances["centre"] = maps, PRIM_KINDS["spheres"], centres
     instances["centre_low"] = centres - instances["centre"]
@@ -175,11 +169,6 @@ def test_distances_of_what_an_instance_places(call, kind):
     # And not much too near: by the size of the placed box.
     size = np.linalg.norm(np.abs(linear) @ (boxes[:, 1] - boxes[:, 0])[..., None], axis=(1, 2))
     assert (to_box >= nearest - 2 * size - slack).all()
-    if kind in ("similar", "scale"):
-        # Exact where the map scales along the local axes: in these, the box is still one.
-        point = -np.einsum("nij,nj->ni", np.linalg.inv(linear), offset)
-        outside = np.maximum(np.maximum(boxes[:, 0] - point, point - boxes[:, 1]), 0) * np.linalg.norm(linear, axis=1)
-        assert (np.abs(to_box - np.linalg.norm(outside, axis=1)) <= slack).all()
     # Spheres are ellipsoids.
     for i in range(0, PLACES, 8):
         centre = linear[i] @ inside[i] + offset[i]

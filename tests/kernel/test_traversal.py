@@ -198,20 +198,14 @@ def test_tiles_of_rays_begin_at_entry_points(session, mesh, layout):
     check_tiles(session, mesh, build(mesh), any_order(mesh), (8, 8), layout)
     check_tiles(session, soup, build(soup), picture(soup), (8, 8), layout)
     check_tiles(session, few, one_leaf, picture(few), (8, 8), layout)
-
-
-@pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
-def test_tiles_with_limits_and_rows_that_are_cut_off(session, layout):
-    mesh = centred(make_shape("icosphere", triangles=1280))
-    # A tile of one row that is cut off.
+    # Limits, and a tile of one row that is cut off.
     whole_rows = HEIGHT // 2 // 8 * 8
     rays = tuple(part[: whole_rows * WIDTH + 2 * WIDTH // 3] for part in picture(mesh))
     hits = check_tiles(session, mesh, build(mesh), rays, (8, 8), layout)
     assert (hits["prim_id"][whole_rows * WIDTH :] != NO_PRIM).any()
     reach = 4 * float(np.ptp(mesh.vertices, axis=0).max())
     t_min, t_max = reach * np.random.default_rng(37).uniform([[0], [0.2]], [[0.5], [1]], (2, len(rays[0])))
-    hits = check_tiles(session, mesh, build(mesh), rays, (8, 8), layout, t_min=t_min, t_max=t_max)
-    assert 0.02 < np.mean(hits["prim_id"] != NO_PRIM) < 0.9
+    check_tiles(session, mesh, build(mesh), rays, (8, 8), layout, t_min=t_min, t_max=t_max)
 
 
 @pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
