@@ -21,12 +21,10 @@ class MovingScene:
         self.knot = self.scene.add(clbvh.make_shape("knot", triangles=3000))
         ball = self.scene.add(clbvh.make_shape("icosphere", triangles=320))
         generator = np.random.default_rng(5)
-        places = np.tile(np.eye(4), (STATES, 8, 1, 1))
-        places[..., :3, 3] = generator.uniform(-3, 3, (STATES, 8, 3))
-        places[..., :3, :3] += generator.uniform(-0.3, 0.3, (STATES, 8, 3, 3))
-        self.scene.place_many(self.knot, places[0, :5])
-        self.scene.place_many(ball, places[0, 5:])
-        self.places = places
+        self.places = np.tile(np.eye(4), (STATES, 8, 1, 1))
+        self.places[..., :3, :] += generator.uniform(-0.3, 0.3, (STATES, 8, 3, 4)) * [1, 1, 1, 10]
+        self.scene.place_many(self.knot, self.places[0, :5])
+        self.scene.place_many(ball, self.places[0, 5:])
         self.vertices = [deform(self.knot.shape, state) for state in range(STATES)]
         self.changes = self.move, self.deform
 

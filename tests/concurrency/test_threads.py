@@ -34,9 +34,8 @@ def own_tracer(mesh):
 
 
 class TestQueries:
-    @pytest.mark.parametrize("layout", ["bvh2", "bvh8"])
-    def test_mixed_ones_have_the_bytes_of_one_thread(self, open_tracer, mesh, layout):
-        tracer, queries = open_tracer(mesh, layout=layout), make_queries(mesh, SIZES, seed=1) * (20 if is_long() else 1)
+    def test_mixed_ones_have_the_bytes_of_one_thread(self, tracer, mesh):
+        queries = make_queries(mesh, SIZES, seed=1) * (20 if is_long() else 1)
         expected = [ask(tracer, *query) for query in queries]
 
         def ask_all(seed):
@@ -94,35 +93,28 @@ class TestClosing:
         with pytest.raises(QueryError, match="the tracer is closed"):
             own_tracer.closest_prim(*RAYS)
 
-    @pytest.mark.parametrize("count", [1, 2])
-    def test_progress_functions_may_close_their_tracer(self, own_tracer, count):
+    def test_progress_functions_may_close_their_tracer(self, own_tracer):
         expected = own_tracer.closest_prim(*RAYS)
-        all_are_running = threading.Barrier(count, timeout=PATIENCE_S)
+        all_are_running = threading.Barrier(2, timeout=PATIENCE_S)
 
         def close(done, of):
             all_are_running.wait()
             own_tracer.close()
 
-        for found in run_in_threads(*[lambda: own_tracer.closest_prim(*RAYS, progress=close)] * count):
+        for found in run_in_threads(*[lambda: own_tracer.closest_prim(*RAYS, progress=close)] * 2):
             np.testing.assert_array_equal(found, expected)
         assert own_tracer.is_closed
         assert own_tracer._caster.session.is_closed
 
 
-def list_arrays(arrays):
-    return list(arrays)
-
-
 class TestPool:
     def test_builds_of_several_threads_take_turns(self, mesh):
-        bvh = build(mesh)
+        expected = build(mesh).nodes.tobytes()
         with SubtreePool(2) as pool:
             built = run_in_threads(*[lambda: build(mesh, pool=pool, task_threshold=500)] * 4)
-        for tree in built:
-            assert tree.nodes.tobytes() == bvh.nodes.tobytes()
-            assert tree.prim_ids.tobytes() == bvh.prim_ids.tobytes()
+        assert {tree.nodes.tobytes() for tree in built} == {expected}
 
-    def test_closing_waits_for_a_build_of_another_thread(self, mesh):
+    def test_closing_waits_for_a_build_of_another_thread_and_a_later_one_is_refused(self, mesh):
         pool = SubtreePool(2)
         is_held, order = threading.Event(), []
 
@@ -130,7 +122,7 @@ class TestPool:
             with open_executor(pool) as executor:
                 is_held.set()
                 time.sleep(0.2)
-                executor.run_on_each(list_arrays)  # the workers still answer
+                executor.run_on_each(list)  # the workers still answer
                 order.append("built")
 
         def close():
@@ -140,51 +132,27 @@ class TestPool:
 
         run_in_threads(hold, close, close)
         assert order == ["built", "closed", "closed"]
-
-    def test_a_build_that_waited_while_the_pool_was_closed_is_refused(self, mesh):
-        pool = SubtreePool(2)
-        is_held = threading.Event()
-
-        def hold():
-            with open_executor(pool):
-                is_held.set()
-                time.sleep(0.2)
-                pool.close()
-
-        def late():
-            assert is_held.wait(PATIENCE_S)
-            with pytest.raises(PoolError, match="the pool is closed"):
-                build(mesh, pool=pool, task_threshold=500)
-
-        run_in_threads(hold, late)
-
-
-def test_tracers_of_a_device_share_its_context_and_its_kernels(mesh, tracer, own_tracer):
-    assert tracer._caster.session.context is own_tracer._caster.session.context
-    kernels = run_in_threads(*[lambda: tracer._caster.kernel("closest_hit")] * THREADS)
-    assert [*kernels, own_tracer._caster.kernel("closest_hit")] == [kernels[0]] * (THREADS + 1)
+        with pytest.raises(PoolError, match="the pool is closed"):
+            build(mesh, pool=pool, task_threshold=500)
 
 
 _FIRST_USE = """
-import threading
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
 import clbvh
 
-meeting, answers = threading.Barrier(8), []
+meeting = Barrier(8)
 
-def use():
+def use(_):
     meeting.wait()
     with clbvh.Tracer(clbvh.make_shape("icosphere", triangles=320)) as tracer:
-        answers.append(tracer.all_hits([[0.1, 0.2, 5]], [[0, 0, -1]]).prim_id.tobytes())
+        return tracer.all_hits([[0.1, 0.2, 5]], [[0, 0, -1]]).prim_id.tobytes()
 
-threads = [threading.Thread(target=use) for _ in range(8)]
-for thread in threads:
-    thread.start()
-for thread in threads:
-    thread.join()
-print(len(answers), len(set(answers)))
+with ThreadPoolExecutor(8) as pool:
+    print(len(set(pool.map(use, range(8)))))
 """
 
 
 def test_the_first_use_may_be_in_several_threads_at_once():
     ran = subprocess.run([sys.executable, "-c", _FIRST_USE], capture_output=True, text=True, timeout=PATIENCE_S)
-    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "8 1\n", "")
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "1\n", "")
