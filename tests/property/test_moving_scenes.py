@@ -3,7 +3,6 @@
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from hypothesis import given, strategies as st
 
 from clbvh import Mesh, Tracer
@@ -96,17 +95,12 @@ def test_a_moved_tracer_finds_what_a_new_one_finds(opened, scene, moves, layout)
     check(scene, moves, opened, layout)
 
 
-@pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
-def test_moves_change_hits(opened, layout):
-    """So that the test above can fail."""
-    hits, changes = check(make_scene(0, tuple(KINDS), tuple(LINEAR)), MOVES, opened, layout)
+def test_moves_change_hits_also_of_one_mesh_in_its_place(opened):
+    """So that the test above can fail; one mesh begins without instances."""
+    hits, changes = check(make_scene(0, tuple(KINDS), tuple(LINEAR)), MOVES, opened, "bvh2")
     assert hits > 100
     assert changes >= 2
-
-
-@pytest.mark.parametrize("seed", seeds(2))
-def test_one_mesh_in_its_place_moves_too(opened, seed):
-    """It begins without instances."""
-    scene = make_scene(seed, ("ball",), ())
-    assert scene.state.is_one_mesh
-    assert check(scene, ("bend", "shake", "all transforms", "bend", "shift"), opened, "auto")[1] >= 3
+    for seed in seeds(2):
+        scene = make_scene(seed, ("ball",), ())
+        assert scene.state.is_one_mesh
+        assert check(scene, ("bend", "shake", "all transforms", "bend", "shift"), opened, "auto")[1] >= 3

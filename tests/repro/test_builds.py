@@ -89,13 +89,3 @@ def test_a_mesh_as_wide_as_float32_made_bins_nan_and_the_process_crash(scale):
     validate_tree(bvh)
     with Tracer(bvh) as tracer:
         assert tracer.any_hit(vertices[:100] * 2, -vertices[:100]).mean() > 0.5
-
-
-def test_signed_zeros_gave_other_bytes_with_a_pool():
-    vertices = np.random.default_rng(0).choice(np.array([-1.0, -0.0, 0.0, 1.0], np.float32), size=(3000, 3))
-    mesh = Mesh.from_arrays(vertices, np.arange(3000).reshape(-1, 3))
-    serial = build(mesh)
-    with SubtreePool(workers=2) as pool:
-        assert build(mesh, pool=pool, task_threshold=7).nodes.tobytes() == serial.nodes.tobytes()
-    for field in ("aabb_min", "aabb_max"):
-        assert not np.signbit(serial.nodes[field][serial.nodes[field] == 0]).any()

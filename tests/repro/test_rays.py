@@ -52,17 +52,18 @@ def test_a_box_was_left_out_whose_triangle_is_hit(session, name):
             assert cast("closest_hit", *ray).tolist() == expected.tolist(), layout
 
 
-@pytest.mark.parametrize("direction", AXES, ids=["+x", "-x", "+y", "-y", "+z", "-z"])
-def test_a_ray_in_the_face_of_a_box_left_it_before_it_entered(session, direction):
+def test_a_ray_in_the_face_of_a_box_left_it_before_it_entered(session):
     """The slab test once took 0 * FLT_MAX for a crossing at t = 0."""
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
     quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     cube = Mesh.from_arrays(corners, [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))])
     # A corner, two sides, and the centre. A ray at one of the other corners and sides is taken for one beside.
     steps = [[0, 0], [0.5, 0], [0, 0.5], [0.5, 0.5]]
-    origins = np.insert(steps, int(np.argmax(np.abs(direction))), 0.5, axis=1) - 3.5 * direction
     with Tracer(build(cube, leaf_size=1), device=session.info) as tracer:
-        assert tracer.closest_hit(origins, np.broadcast_to(direction, origins.shape)).t.tolist() == [3] * 4
+        for direction in AXES:
+            origins = np.insert(steps, int(np.argmax(np.abs(direction))), 0.5, axis=1) - 3.5 * direction
+            hits = tracer.closest_hit(origins, np.broadcast_to(direction, origins.shape))
+            assert hits.t.tolist() == [3] * 4, direction
 
 
 def exact_t(corners, origin, direction):
@@ -108,10 +109,4 @@ def test_a_ray_in_the_plane_of_a_thin_triangle_hit_it_from_any_distance(session,
     with Tracer(mesh, device=session.info) as tracer:
         hits = tracer.closest_hit(origins, directions)
     assert hits.count > 500
-    found = np.flatnonzero(hits.is_hit)
-    a, b, c = mesh.vertices[mesh.faces[hits.prim_id[found]]].transpose(1, 0, 2)
-    to_point = a + hits.u[found, None] * (b - a) + hits.v[found, None] * (c - a) - origins[found]
-    along = directions[found] / np.linalg.norm(directions[found], axis=1)[:, None]
-    # Coordinates of a few units, which float32 rounds by about 3e-7.
-    assert np.linalg.norm(np.cross(to_point, along), axis=1).max() < 2e-6
     assert [str(difference) for difference in find_differences(mesh, origins, directions, hits)] == []
