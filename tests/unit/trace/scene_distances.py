@@ -6,9 +6,6 @@ import trimesh
 from clbvh import Spheres
 from clbvh.trace.check.instances import Tolerance, find_instances, world_radius
 
-# The device chooses the triangle in float32, after about sixteen roundings.
-CHOICE = 16 * 2.0**-24
-
 # Of distances in float64, as a share of the coordinates.
 EXACT = 2.0**-44
 

@@ -94,6 +94,12 @@ def test_each_ray_keeps_its_limits_when_it_is_cast_again(tracer, rays, monkeypat
     np.testing.assert_array_equal(hits.counts, tracer.count_hits(*rays, **limits))
     assert (hits.t >= limits["t_min"][hits.ray_id]).all()
     assert (hits.t <= limits["t_max"][hits.ray_id]).all()
+    # Also where they are those of hits.
+    closest = tracer.closest_hit(*rays)
+    t = np.where(closest.is_hit, closest.t, 0)
+    for low, high in ((t, np.inf), (0, t)):
+        hits = tracer.closest_hit(*rays, t_min=low, t_max=high)
+        assert ((hits.t >= low) & (hits.t <= high))[hits.is_hit].all()
 
 
 def test_the_hit_of_one_ray_is_a_number_without_a_length(tracer):

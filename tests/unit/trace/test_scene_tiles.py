@@ -5,7 +5,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from clbvh import Mesh, Spheres, Tracer, make_shape
+from clbvh import Mesh, Tracer, make_shape
 from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.structs import ENTRY_POINT_LAYOUTS, TILE
 from clbvh.trace import put_rays
@@ -16,7 +16,7 @@ from clbvh.trace.world.world import World
 
 from ...profiles import seeds
 from ...property.random_scenes import KINDS, LINEAR, RAY_MASKS, make_scene, scale_scene
-from .scene_states import ALL, affine, make_state, random_linear, scene_of, turn
+from .scene_states import affine, make_state, random_linear, scene_of, turn
 
 WIDTH, HEIGHT = 75, 44  # no multiples of a tile's
 
@@ -146,24 +146,6 @@ def test_random_scenes(session, tiles, seed, is_far, scale):
     assert len(np.unique(found["leaf_count"])) > 1
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("seed", seeds(2))
-def test_an_instance_is_entered_at_once(session, tiles, seed, dtype):
-    generator = np.random.default_rng([seed, 78])
-    knot = make_shape("knot", triangles=3000)
-    balls = Spheres(generator.normal(size=(500, 3)), generator.uniform(0.01, 0.2, 500))
-    for shape, points in ((knot, knot.vertices), (balls, balls.centres)):
-        state = make_state([shape], (0, affine(random_linear(generator), generator.uniform(-1e3, 1e3, 3))))
-        placed = points @ state.transforms[0, :3, :3].T + state.transforms[0, :3, 3]
-        camera = frame_mesh(Mesh.from_arrays(placed, [[0, 1, 2]]), aspect=WIDTH / HEIGHT)
-        rays = [part.astype(dtype) for part in camera.rays(WIDTH, HEIGHT)]
-        tiles.clear()
-        is_hit, found = check(session, state, lambda tracer, rays=rays: [(rays, {})], tiles)
-        assert 0.02 < is_hit.mean() < 0.98
-        assert (found["leaf_count"] == 0).mean() > 0.02
-        assert (found["instance_index"] != NO_INSTANCE).mean() > 0.1
-
-
 def test_many_instances_are_listed_or_found_from_a_node_that_has_them(session, tiles):
     generator = np.random.default_rng(80)
     places = [(0, affine(random_linear(generator, 1.2), generator.uniform(-9, 9, 3))) for _ in range(600)]
@@ -189,16 +171,3 @@ def test_a_leaf_that_is_the_only_block(session, tiles):
         rays = look((offset, 0.3, -4), (offset, 0.3, 0), 2.0)
         is_hit, _ = check(session, state, lambda tracer, rays=rays: [(rays, {})], tiles)
         assert is_hit.mean() > 0.05
-
-
-@pytest.mark.usefixtures("tiles")
-@pytest.mark.parametrize("changed", [None, 7, -2])
-def test_rays_that_share_an_eye_are_those_that_do_not(open_tracer, world, changed):
-    """One low part for all rays gives what one for each gives; also where a single ray has another origin."""
-    origins, directions = (part.reshape(-1, 3).astype(np.float32) for part in look((0.1, 0.2, -40), (0, 0, 0), 30))
-    if changed is not None:
-        origins = origins.copy()
-        origins[changed] += 1e-3
-    masks = np.full(len(origins), ALL, np.uint32)
-    (shared, _), (single, _) = (ask(open_tracer(world), origins, directions, mask=mask) for mask in (ALL, masks))
-    assert shared == single

@@ -70,8 +70,3 @@ def test_axis_parallel_rays_visit_no_more_than_slightly_turned_ones(count, name)
         means = mean_steps(count(build(mesh), targets - 2 * size.max() * way + mesh.origin, way))
         visits.append(means["node_steps"] + means["leaf_visits"])
     assert visits[0] <= 1.1 * visits[1]
-
-
-def test_what_is_hit_in_a_scene_is_what_a_tracer_hits(count, open_tracer, world, rays):
-    steps = count(world.snapshot(), *rays)
-    np.testing.assert_array_equal(steps["prim_id"], open_tracer(world).closest_prim(*rays))

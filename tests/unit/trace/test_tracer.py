@@ -7,7 +7,7 @@ import pytest
 
 from clbvh import Renderer, Tracer
 from clbvh.device.session import DeviceSession
-from clbvh.errors import ConfigError, DeviceError, DeviceMemoryError, QueryError
+from clbvh.errors import ConfigError, DeviceMemoryError, QueryError
 from clbvh.structs import HIT, PACKED_RAY
 from clbvh.trace import tracer as tracer_module
 from clbvh.trace.rays import pieces
@@ -72,7 +72,7 @@ def test_buffers_respect_the_largest_allocation(session, mesh, rays, expected, m
     assert max(sizes) <= 16384
 
 
-def test_what_cannot_be_opened_leaves_nothing_on_the_device(session, mesh, monkeypatch):
+def test_what_cannot_be_opened_leaves_nothing_on_the_device(session, monkeypatch):
     opened = []
 
     class Recorded(DeviceSession):
@@ -84,10 +84,6 @@ def test_what_cannot_be_opened_leaves_nothing_on_the_device(session, mesh, monke
     with pytest.raises(ConfigError, match="levels deep"):
         Tracer(make_chain(1026, "left")[1], device=session.info, layout="bvh2")
     assert [session.is_closed for session in opened] == [True]
-    with pytest.raises(ConfigError, match="layout must be one of"):
-        Tracer(mesh, layout="bvh3")
-    with pytest.raises(DeviceError, match="no such board"):
-        Tracer(mesh, device="no such board")
 
 
 @pytest.fixture
@@ -116,29 +112,22 @@ def limit(monkeypatch):
 @pytest.mark.parametrize("query", [*RAY_QUERIES, "closest_point", "contains"])
 def test_little_memory_gives_the_same_answers_in_smaller_pieces(mesh, tracer, rays, session, limit, query):
     expected = ask(tracer, query, rays)
-    with Tracer(mesh, device=session.info) as small:
+    with Tracer(mesh, device=session.info) as small, Tracer(mesh, device=session.info) as full:
         limit(34_000)  # 3,072 rays take 98 KB and points 37 KB; the fewest rays that are cast at a time 33 KB
         for _ in range(2):
             for one, other in zip(ask(small, query, rays), expected, strict=True):
                 np.testing.assert_array_equal(one, other)
-    assert limit.refused
-
-
-def test_a_device_without_any_memory_is_one_error(mesh, rays, session, limit):
-    with Tracer(mesh, device=session.info) as full:
+        assert limit.refused
         for error in (-4, -5, -6):
             limit(64, error)
             with pytest.raises(DeviceMemoryError, match=r"cannot hold a buffer of .*: try a smaller job"):
-                full.closest_hit(*rays)
+                ask(full, query, rays)
 
 
 def test_a_picture_is_drawn_in_narrower_bands(mesh, limit):
     shading = {"width": 64, "height": 48, "shading": "lambert+shadow"}
-    with Renderer(mesh) as roomy, Renderer(mesh) as small, Renderer(mesh) as full:
+    with Renderer(mesh) as roomy, Renderer(mesh) as small:
         expected = roomy.render(**shading)
         limit(10_000)  # a row of hits takes 1 KB
         np.testing.assert_array_equal(small.render(**shading).rgb, expected.rgb)
         assert limit.refused
-        limit(500)
-        with pytest.raises(DeviceMemoryError, match="cannot hold a buffer"):
-            full.render(**shading)

@@ -16,7 +16,6 @@ from clbvh.device.session import DeviceSession
 from clbvh.errors import DeviceMemoryError
 from clbvh.layouts.refit_arrays import RefitArrays
 from clbvh.structs import LAYOUT_WIDTHS
-from clbvh.trace.rays import pieces
 
 from ...concurrency.queries import ask, make_queries
 from ...deform import deform
@@ -188,23 +187,6 @@ class TestFailures:
 
 
 class TestRunningQueries:
-    def test_a_query_ends_on_the_mesh_that_it_began_with(self, bvh, mesh, rays, monkeypatch):
-        monkeypatch.setattr(pieces, "CHUNK_RAYS", 700)
-        with Tracer(bvh) as tracer:
-            frames = iter(range(100))
-
-            def move(done, total):
-                tracer.update(deform(mesh, next(frames)))
-
-            before, hits = tracer.closest_hit(*rays), tracer.closest_hit(*rays, progress=move)
-            assert hits.t.tobytes() == before.t.tobytes() != tracer.closest_hit(*rays).t.tobytes()
-            assert hits.mesh is mesh is not tracer.mesh
-            for name in ("closest_point", "signed_distance"):
-                query = getattr(tracer, name)
-                before, found = query(rays[0]), query(rays[0], progress=move)
-                assert np.asarray(found[0]).tobytes() == np.asarray(before[0]).tobytes()
-            assert next(frames) >= 15
-
     def test_updates_wait_for_each_other(self, bvh, mesh, monkeypatch):
         writing, most, write = [], [], RefitArrays.write
 
