@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh.device.program import expand_source
-from clbvh.structs import DEVICE_CONSTANTS, DEVICE_STRUCTS, ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS
+from clbvh.structs import DEVICE_STRUCTS, ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS
 from clbvh.support.folders import find_folder
 
 
@@ -119,9 +119,3 @@ def test_every_field_is_where_the_device_looks_for_it(call, name):
     np.testing.assert_array_equal(lanes[:, : len(scalars)], expected)
     assert (sizes == dtype.itemsize).all()
     assert made.tobytes() == given.tobytes()
-
-
-def test_constants_reach_the_device(call):
-    body = " ".join(f"values[{index}] = {name};" for index, name in enumerate(DEVICE_CONSTANTS))
-    values = call("structs.cl", body, f"int values[{len(DEVICE_CONSTANTS)}]", unused=np.zeros(1, np.int32))
-    assert values[0].tolist() == list(DEVICE_CONSTANTS.values())

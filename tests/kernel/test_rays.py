@@ -6,9 +6,32 @@ import pytest
 from clbvh import Camera, Fisheye, Mesh, Orthographic, Panorama, View
 from clbvh.rendering.kernel_view import make_kernel_view
 
+from ..rays import AXES
+from .programs import make_rays
+
 WIDTH, HEIGHT = 90, 60
 ROUNDING = 2.0**-24
 POINTS = 2000
+
+# OpenCL lets a division be 2.5 units in the last place off.
+DIVISION = 2.5 * 2.0**-23
+
+
+def test_the_axis_and_the_shear_lay_the_direction_along_z(call):
+    generator = np.random.default_rng(3)
+    mixed = generator.normal(size=(500, 3)) * 10.0 ** generator.uniform(-6, 6, (500, 3))
+    directions = np.concatenate((AXES, [[1, 1, 1], [0, 1, -1], [1, 0, 1], [-1, 1, 0]], mixed)).astype(np.float32)
+    body = """
+        const ray_t ray = unpack_ray(packed);
+        axis = ray.axis; shear = ray.shear; permuted = permute_axes((float3)(1.0f, 2.0f, 3.0f), ray.axis);
+    """
+    outputs = "int axis, float3 shear, float3 permuted"
+    axis, shear, permuted = call("rays/ray.cl", body, outputs, packed=make_rays([0, 0, 0], directions))
+    assert (np.abs(directions).max(axis=1) == np.abs(directions[np.arange(len(axis)), axis])).all()
+    np.testing.assert_array_equal(permuted, np.array([[2, 3, 1], [3, 1, 2], [1, 2, 3]])[axis])
+    x, y, z = np.take_along_axis(directions.astype(float), permuted.astype(int) - 1, axis=1).T
+    np.testing.assert_allclose(shear, np.stack((x / z, y / z, 1 / z), axis=1), rtol=DIVISION, atol=0)
+
 
 # Half as large as the device's own coordinates.
 MESH = Mesh.from_arrays([[-1, -1, -1], [1, 1, 1], [1, -1, 0]], [[0, 1, 2]])

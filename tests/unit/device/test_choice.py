@@ -116,16 +116,6 @@ def test_the_device_that_a_word_means():
                 assert pick_device(number_devices(devices), word).name == expected.name, word
 
 
-@pytest.mark.parametrize("word", [7, -1, "riva tnt", "gpu cpu"])
-def test_no_match_names_all_devices_and_an_ambiguous_word_those_that_fit(word):
-    with pytest.raises(DeviceError, match=str(word)) as caught:
-        pick_device(MACHINE, word)
-    assert all(str(device) in str(caught.value) for device in MACHINE)
-    with pytest.raises(DeviceError) as caught:
-        pick_device(MACHINE, "intel")
-    assert [device.name for device in MACHINE if str(device) in str(caught.value)] == names_of([IRIS, INTEL_CPU])
-
-
 def test_the_environment_variable_decides_only_when_nothing_is_asked_for(monkeypatch):
     last = list_devices()[-1]
     monkeypatch.setenv("CLBVH_DEVICE", str(last.number))

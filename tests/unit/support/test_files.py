@@ -2,7 +2,6 @@
 
 import logging
 import os
-import socket
 from types import SimpleNamespace
 
 import pytest
@@ -84,9 +83,6 @@ def make_special(path, kind):
             path.mkdir()
         case "named pipe":
             os.mkfifo(path)
-        case "socket":
-            with socket.socket(socket.AF_UNIX) as opened:
-                opened.bind(str(path))
         case "device":
             # A terminal of our own, in a folder where nobody can make files: a failing test replaces no device.
             path.symlink_to(os.ttyname(os.openpty()[1]))
@@ -101,7 +97,6 @@ def make_special(path, kind):
 KINDS = {
     "folder": "this is a folder, not a file",
     "named pipe": "this is a named pipe, not a file",
-    "socket": "this is a socket, not a file",
     "device": "this is a device, not a file",
     "link to a pipe": "this is a named pipe, not a file",
     "loop": "symbolic links",

@@ -1,16 +1,13 @@
 """Compiled loops in several threads."""
 
-import itertools
 import signal
 import threading
 import time
 
-import numba
 import numpy as np
 import pytest
 
-from clbvh.support.host_threads import HostThreads, cut_range, side_by_side
-from clbvh.support.loop_functions import add_atomically
+from clbvh.support.host_threads import HostThreads, side_by_side
 
 NAPS = [(0.05,), (0.05,), (0.05,)]
 
@@ -62,7 +59,7 @@ def test_an_error_arrives_after_all_have_ended(threads):
         assert len(ended) == before + 1
 
 
-def test_ranges_cover_all_rows_once_in_parts_that_are_nearly_equal(threads):
+def test_ranges_cover_all_rows_once(threads):
     for row_count in (0, 1, 99, 100, 1001):
         seen = np.zeros(row_count, int)
 
@@ -71,12 +68,6 @@ def test_ranges_cover_all_rows_once_in_parts_that_are_nearly_equal(threads):
 
         threads.for_ranges(row_count, count, least_items=10)
         assert (seen == 1).all()
-    for begin, end, count in itertools.product((0, 5), (6, 100, 1_000_003), (1, 2, 7)):
-        parts = cut_range(begin, end, count)
-        edges = [part[0] for part in parts] + [end]
-        assert parts == list(itertools.pairwise(edges))
-        assert edges[0] == begin
-        assert np.ptp(np.diff(edges)) <= 1
 
 
 def list_own():
@@ -154,19 +145,3 @@ def test_where_no_thread_can_start_the_work_is_done_all_the_same(monkeypatch):
         for _ in range(3):
             assert threads.run(lambda number: number + 1, [(number,) for number in range(10)]) == list(range(1, 11))
         assert threads._jobs.empty()
-
-
-@numba.njit(nogil=True)
-def take_many(counter, amount, taken):
-    for index in range(len(taken)):
-        taken[index] = add_atomically(counter, amount)
-
-
-def test_no_two_threads_get_the_same_number_of_an_atomic_counter():
-    counter, taken = np.zeros(8, np.int64), np.empty((4, 200_000), np.int64)
-    with HostThreads(4) as threads:
-        threads.run(take_many, [(counter, 1, row) for row in taken])
-    assert counter.tolist() == [taken.size, *[0] * 7]
-    assert (np.bincount(taken.ravel()) == 1).all()
-    # Threads that happen to run one after the other would not notice the difference.
-    assert all("atomicrmw add" in code for code in take_many.inspect_llvm().values())
