@@ -27,13 +27,10 @@ def test_a_map_is_a_value_that_is_copied():
 
 def test_pixels_that_are_no_light_are_refused():
     rows = [
-        (PIXELS - 1, "red at row 0, column 0 is -1.0"),
-        ([[[0, np.nan, 1]]], "is nan"),
-        ([[[0, 1, 1e21]]], r"is 1e\+21"),
-    ]
-    kinds = [7, [[1, 2], [3]], np.ones((2, 2)), np.ones((0, 2, 3)), np.ones((2, 2, 4)), np.ones((1, 1, 3), complex)]
-    rows += [(each, "the environment must be") for each in (*kinds, "a.png")]
-    rows += [(np.broadcast_to(np.float32(1), shape), "room for") for shape in ((1, 2**16 + 1, 3), (2**14, 2**14, 3))]
+        (PIXELS - 1, "red at row 0, column 0 is -1.0"), ([[[0, np.nan, 1]]], "is nan"), ([[[0, 1, 1e21]]], r"is 1e\+21"),
+        ([[1, 2], [3]], "must be"), (np.ones((0, 2, 3)), "must be"), (np.ones((1, 1, 3), complex), "must be"),
+        (np.broadcast_to(np.float32(1), (2**14, 2**14, 3)), "room for"),
+    ]  # fmt: skip
     for value, words in rows:
         with pytest.raises(SceneError, match=words):
             View(environment=value)

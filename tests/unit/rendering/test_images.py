@@ -164,16 +164,16 @@ def test_a_moved_instance_moves_alone_by_id_name_or_handle(renderer, scene):
 
 def test_other_channels_and_poses_are_refused(renderer):
     rows = [
-        *((ConfigError, "channel", channels, {}) for channels in ((), ("colour", "glow"), 7, ("depth", 3), ([],))),
-        *((ConfigError, "needs a second pose", "motion", pose) for pose in ({}, {"next_transforms": {}})),
+        *((ConfigError, "channel", channels, {}) for channels in ((), ("colour", "glow"), 7)),
+        (ConfigError, "needs a second pose", "motion", {"next_transforms": {}}),
         (SceneError, r"must be a clbvh\.Camera", "motion", {"next_camera": "left"}),
-        *((SceneError, words, "motion", {"next_transforms": value}) for words, value in [
-            ("must be a mapping", [np.eye(4)]), ("no instance 9", {9: np.eye(4)}), ("next transform", {0: np.eye(3)}),
-        ]),
-    ]  # fmt: skip
+        (SceneError, "no instance 9", "motion", {"next_transforms": {9: np.eye(4)}}),
+        (SceneError, "next transform", "motion", {"next_transforms": {0: np.eye(3)}}),
+    ]
     for error, words, channels, pose in rows:
         with pytest.raises(error, match=words):
             renderer.images(channels, camera=CAMERA, **pose)
-    assert tuple(renderer.images(["range", "depth", "range"], camera=CAMERA)) == ("range", "depth")
-    with pytest.raises(KeyError, match="the images have the channels depth"):
-        renderer.images("depth", camera=CAMERA)["normal"]
+    images = renderer.images(["range", "depth", "range"], camera=CAMERA)
+    assert tuple(images) == ("range", "depth")
+    with pytest.raises(KeyError, match="the images have the channels range, depth"):
+        images["normal"]

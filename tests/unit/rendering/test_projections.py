@@ -73,19 +73,11 @@ def test_a_fisheye_is_equidistant_in_the_circle_that_touches_the_shorter_sides()
     assert pixels[3] == pytest.approx([100, 50])
 
 
-def test_a_panorama_has_longitudes_and_latitudes():
-    camera = Camera(**DOWN_Z, projection=Panorama())
-    points = [[0, 0, -1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 1, -1], [1, 0, -1]]
-    expected = [[180, 90], [270, 90], [90, 90], [180, 0], [180, 180], [180, 45], [225, 90]]
-    np.testing.assert_allclose(camera.project(np.array(points) * 7.0, 360, 180)[0], expected, rtol=0, atol=1e-12)
-    assert np.isnan(camera.project([0, 0, 0], 360, 180)[0]).all()
-
-
 def test_points_pixels_and_values_that_do_not_go_together_are_refused():
     camera, lens = Camera(**FRAME), Lens.from_fov(40, 64, 48)
     rows = [
-        *((lambda bad=bad: camera.project(bad, 9, 9), "points that") for bad in ([1, 2], [np.nan, 0, 0], "abc", 5)),
-        *((lambda bad=bad: camera.rays_at(bad, 9, 9), "the pixels of rays") for bad in ([1, 2, 3], [np.nan, 0])),
+        (lambda: camera.project([np.nan, 0, 0], 9, 9), "points that"),
+        (lambda: camera.rays_at([1, 2, 3], 9, 9), "the pixels of rays"),
         (lambda: Camera(**FRAME, projection=Orthographic()), "needs a height"),
         (lambda: Camera(**FRAME, projection=Panorama(), lens=lens), "the panorama one has none"),
         (lambda: CAMERAS["panorama"].intrinsics(64, 48), "that of a perspective camera"),

@@ -174,8 +174,6 @@ def test_ids_have_sixteen_bits_or_three_bytes_or_leave_no_file(tmp_path):
 
 
 def test_targets_are_checked_before_the_work(tmp_path, monkeypatch):
-    with pytest.raises(ConfigError, match=r"must end in \.exr, \.npz, \.png, \.ppm"):
-        check_images_path(tmp_path / "a.jpg", ["depth"])
     (tmp_path / "out-uv.png").mkdir()
     with pytest.raises(ConfigError, match=r"out-uv\.png: this is a folder"):
         make_images().save(tmp_path / "out.png")

@@ -150,22 +150,16 @@ def test_copies_are_upright_in_the_view_and_the_same_every_time(read):
 
 
 PARSED = [
-    ("", r"no \[\[object\]\]: it needs a path"),
     ('[object]\nname = "a"', r"write \[\[object\]\], not \[object\]"),
     (A + 'spheres = "b"', "object 1: needs exactly one of .*, not name and spheres"),
     (A + '[[object]]\nname = "b"\ncolor = 1', "object 2: there is no key 'color': did you mean 'colour'?"),
-    (A + 'label = "x"\n[[object]]\nname = "b"\nlabel = "x"', "object 2: the scene has an object with the name 'x'"),
     (A + "colour = [1, 2, 1e400]", "scene.toml: numbers must be finite, not 1e400"),
-    (A + "scale = 2\nmatrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", "a matrix stands for"),
     (A + 'material = "oak"', r"object 1: there is no \[\[material\]\] with the label 'oak': there are none"),
     ('[[object]]\nshape = "terrain"\nturns = 2', "no key 'turns': there are label, .*, triangles, seed, height$"),
     (A + "[object.repeat]", "object 1: repeat: needs either 'grid' and 'spacing', or 'on' and 'count'"),
-    (A + "repeat = {grid = [1,0,1], spacing = [1,1,1]}", r"repeat: grid\[1\]: expected int >= 1"),
     (GROUND + 'repeat = {on = "b", count = 3}', "object 2: there is no object above .* 'b': there are ground"),
     (GROUND + 'repeat = {on = "ground", count = 1000000}', "1,000,001 copies are too many"),
-    ('[[object]]\nspheres = "galaxy"\n' + A + 'repeat = {on = "galaxy", count = 1}', "must be a mesh"),
     (A + "repeat = {grid = [2,1,1], spacing = [1,1,1]}\n" + DOT + 'repeat = {on = "a", count = 1}', "placed once"),
-    (OAK + "[[material]]\nlabel = 'oak'\n", "material 2: the scene has a material with the"),
     (OAK + "base_colour_texture = 'b.png'\n", r"base_colour_texture: .*b\.png: no such file"),
     (A + "[view]\nsample = 1", "view: there is no setting 'sample': did you mean 'samples'?"),
     (A + "[view]\nsamples" + 3000 * ".a" + " = 1", "too many tables or lists within others"),
@@ -173,9 +167,7 @@ PARSED = [
 LOADED = [
     (BALL.replace("80", "3"), r"scene\.toml: the object 'ball': .* at least 20 triangles"),
     (BALL + "matrix = [[1,0,0,0],[0,1,0,0],[0,0,0,0],[0,0,0,1]]", "'ball': .*transform.* is singular"),
-    ('[[object]]\npath = "gone.ply"', r"the object 'gone': .*gone\.ply: no such file"),
     ('[[object]]\nspheres = "a.csv"', r"a\.csv: the file has no radii: give 'radii'"),
-    ('[[object]]\nspheres = "b.csv"\nradii = 1', r"b\.csv: the file has its own radii: leave"),
     ('[[object]]\npath = "line.obj"\n' + BALL + 'repeat = {on = "line", count = 3}', "on a surface without area"),
     (BALL + f'translate = [1.7e308, 0, 0]\nscale = 1e308\n{DOT}repeat = {{on = "ball", count = 3}}', "not finite"),
     (f"{FLOOR}{DOT}repeat = {{on = 'floor', count = 3}}\n[view]\nup = [0, 0, 0]", "up must not be zero"),
@@ -184,7 +176,6 @@ LOADED = [
 
 def test_what_a_scene_must_not_say_is_named_with_its_place(write, tmp_path):
     (tmp_path / "a.csv").write_text("1,2,3\n")
-    (tmp_path / "b.csv").write_text("1,2,3,4\n")
     (tmp_path / "line.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
     for call, rows in ((parse_scene_file, PARSED), (read_scene_file, LOADED)):
         for text, words in rows:
@@ -192,8 +183,6 @@ def test_what_a_scene_must_not_say_is_named_with_its_place(write, tmp_path):
                 call(write(text))
             assert "scene.toml: " in str(caught.value)
             assert "\n" not in str(caught.value)
-    with pytest.raises(SceneError, match=r"gone\.toml: no such file"):
-        read_scene_file(tmp_path / "gone.toml")
 
 
 MATERIALS = """
@@ -251,62 +240,47 @@ def test_a_saved_view_is_the_same_one(tmp_path):
 
 def test_a_view_that_was_forged_is_refused():
     camera = plain_view(View(camera=LENS))["camera"]
-    cameras = [{"more": 1}, {"eye": "abc"}, {"aperture": [1]}, {"projection": [1]}, {"lens": 7}, {"lens": {"fx": 1}}]
-    pixels = [
-        "sky.exr",  # a file that was sent must not have others read
-        {"height": 1, "width": -1, "pixels": "AACA"}, [[[0, 0, -1]]], np.full((1, 1, 3), np.nan, np.float32),
-        np.ones((1, 1, 4), np.float32), [],
-    ]  # fmt: skip
+    cameras = [{"more": 1}, {"eye": "abc"}, {"aperture": [1]}, {"projection": [1]}, {"lens": {"fx": 1}}]
+    # A file that was sent must not have others read.
+    pixels = ["sky.exr", {"height": 1, "width": -1, "pixels": "AACA"}, np.full((1, 1, 3), np.nan, np.float32), []]
     rows = [
-        {"sample": 1}, {"self": 1}, {"samples": float("nan")}, {"light": None}, {"light": False},
-        {"light": {"direction": [0, 0, float("inf")]}}, {"wireframe": {"width": {}}}, {"shading": []},
-        {"projection": {"kind": "fisheye"}}, {"cut": 3}, {"camera": 3}, {"camera": None}, {"camera": [["eye", 1]]},
+        {"sample": 1}, {"self": 1}, {"samples": float("nan")}, {"light": None}, {"wireframe": {"width": {}}},
+        {"light": {"direction": [0, 0, float("inf")]}}, {"shading": []}, {"projection": {"kind": "fisheye"}},
+        {"cut": 3}, {"camera": 3}, {"camera": [["eye", 1]]}, {"camera": {"eye": [0, 0, 1]}},
         {"width": json.loads("[" * 900 + "]" * 900)}, *({"environment": each} for each in pixels),
-        {"camera": {"eye": [0, 0, 1]}}, *({"camera": camera | changes} for changes in cameras),
+        *({"camera": camera | changes} for changes in cameras),
     ]  # fmt: skip
     for plain in rows:
         with pytest.raises(SceneError, match="the view in the file cannot be used: "):
             pytest.fail(str(view_of_plain(plain)))
 
 
-TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
-ONE, TWO = f"{TRIANGLE}f 1 2 3\n", f"o a\n{TRIANGLE}f 1 2 3\no b\nf 3 2 1\n"
-SHIPPED = (
-    "bunny", "cornell", "demo", "dragon", "drill", "galaxy", "hall", "knot", "meadow", "palace", "still-life",
-    "terrain", "weekend",
-)  # fmt: skip
+def test_nodes_that_multiply_the_triangles_are_instances(tmp_path):
+    for copies, instances in ((1, ["glb"]), (2, ["glb"]), (3, ["n", "n 2", "n 3"])):
+        gltf = Gltf()
+        # A plate that would lie on the ground if z were up; the rule of glTF is y.
+        corners = gltf.add_accessor([[0, 0, 0], [5, 0, 0], [0, 5, 0.1]], "f4")
+        mesh = gltf.add_mesh({"attributes": {"POSITION": corners}})
+        for number in range(copies):
+            gltf.add_node(mesh=mesh, name="n", translation=[5 * number, 0, 0])
+        path = gltf.write_glb(tmp_path / "glb.glb")
+        for scene in (Scene(path), open_scene(path)[0], as_scene([path, path])[0]):
+            assert [instance.name for instance in scene.instances][: len(instances)] == instances
+            state = scene.snapshot()
+            assert guess_up(SceneBounds(state.shapes, state.geometry_ids, state.transforms)).vector == (0, 1, 0)
+        assert [part.name for part in load_mesh(path).parts] == (["n"] * copies if copies > 1 else [])
 
 
-def up_of(scene):
-    state = scene.snapshot()
-    return guess_up(SceneBounds(state.shapes, state.geometry_ids, state.transforms)).vector
-
-
-def names_of(scene):
-    return [instance.name for instance in scene.instances]
-
-
-@pytest.mark.parametrize(("copies", "instances"), [(1, ["glb"]), (2, ["glb"]), (3, ["n", "n 2", "n 3"])])
-def test_nodes_that_multiply_the_triangles_are_instances(tmp_path, copies, instances):
-    gltf = Gltf()
-    # A plate that would lie on the ground if z were up; the rule of glTF is y.
-    mesh = gltf.add_mesh({"attributes": {"POSITION": gltf.add_accessor([[0, 0, 0], [5, 0, 0], [0, 5, 0.1]], "f4")}})
-    for number in range(copies):
-        gltf.add_node(mesh=mesh, name="n", translation=[5 * number, 0, 0])
-    path = gltf.write_glb(tmp_path / "glb.glb")
-    for scene in (Scene(path), open_scene(path)[0], as_scene([path, path])[0]):
-        assert names_of(scene)[: len(instances)] == instances
-        assert up_of(scene) == (0, 1, 0)
-    assert [part.name for part in load_mesh(path).parts] == (["n"] * copies if copies > 1 else [])
+SHIPPED = ["bunny", "cornell", "demo", "dragon", "drill", "galaxy", "hall", "knot", "meadow", "palace", "still-life"]
 
 
 def test_the_shipped_scenes_are_the_promised_ones_and_say_what_is_up(tmp_path, monkeypatch):
     paths = sorted(find_folder("scenes").glob("*.toml"))
-    assert [path.stem for path in paths] == sorted(SHIPPED)
+    assert [path.stem for path in paths] == [*SHIPPED, "terrain", "weekend"]
     assert all(parse_scene_file(path).view.up != "auto" for path in paths)
     with pytest.raises(SceneError, match=r"bunni: no such file, and no shipped scene: these are bunny, cornell, demo"):
         open_scene("bunni")
     # A file comes before a shipped scene of its name.
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "knot").write_text(ONE)
+    (tmp_path / "knot").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     assert open_scene("knot")[0].geometries[0].shape.face_count == 1

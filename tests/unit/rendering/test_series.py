@@ -76,14 +76,13 @@ def test_a_turntable_has_the_pictures_of_a_turn_about_up(frames, tmp_path):
 
 
 def test_wrong_turns_are_refused_before_any_work(tmp_path, monkeypatch):
-    rows = [
-        *(("a.gif", {"frames": frames}, "frames of a turn") for frames in (0, True, 2.5, "8", 90_001)),
-        *(("a.gif", {"frames_per_s": rate}, "frames_per_s") for rate in (0, np.nan, np.inf, True, "25")),
-        *((name, {}, words) for name, words in (("a.avi", r"\.gif or \.mp4"), ("a.mp4", "pip install imageio-ffmpeg"))),
-    ]
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    rows = [
+        ("a.gif", {"frames": True}, "frames of a turn"), ("a.gif", {"frames": 90_001}, "frames of a turn"),
+        ("a.gif", {"frames_per_s": np.inf}, "frames_per_s"), ("a.mp4", {}, "pip install imageio-ffmpeg"),
+    ]  # fmt: skip
     for name, turn, words in rows:
-        with pytest.raises(clbvh.ConfigError, match=words):
+        with pytest.raises(ConfigError, match=words):
             clbvh.render_turntable("no such mesh.ply", tmp_path / name, **turn)
 
 
@@ -122,21 +121,20 @@ def test_a_video_has_the_frames_and_even_sides(tmp_path, size):
     assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
 
 
-@pytest.mark.parametrize("name", ["a.gif", "a.mp4"])
-def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path, name):
-    if name == "a.mp4":
-        pytest.importorskip("imageio_ffmpeg")
-    (tmp_path / name).write_bytes(b"old")
+def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
+    pytest.importorskip("imageio_ffmpeg")
 
-    def frames(count, error):
+    def fail_after(count, error):
         yield from make_frames(8, 8)[:count]
         raise error
 
-    for count, error in ((0, RuntimeError), (1, KeyboardInterrupt), (3, RuntimeError)):
-        with pytest.raises(error):
-            series.write_animation(tmp_path / name, frames(count, error))
-        assert [path.name for path in tmp_path.iterdir()] == [name]
-        assert (tmp_path / name).read_bytes() == b"old"
+    for name in ("a.gif", "a.mp4"):
+        (tmp_path / name).write_bytes(b"old")
+        for count, error in ((0, RuntimeError), (1, KeyboardInterrupt), (3, RuntimeError)):
+            with pytest.raises(error):
+                series.write_animation(tmp_path / name, fail_after(count, error), 25)
+            assert (tmp_path / name).read_bytes() == b"old"
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 def lightness(colours):
@@ -149,15 +147,13 @@ def lightness(colours):
 
 def test_more_is_evenly_lighter_and_the_bar_is_below():
     picture = draw_heat_map(np.arange(200).reshape(1, 200).repeat(4, axis=0), "nodes")
-    assert picture.shape[0] > 4
     assert (picture[:4] == picture[0]).all()
     steps = np.diff(lightness(picture[0])[:200:20])
-    assert steps.min() > 0
-    assert steps.max() < 1.5 * steps.min()
+    assert 0 < steps.max() < 1.5 * steps.min()
     for counts in (np.zeros((3, 40), int), np.full((3, 40), 7), np.ones((2, 1), int), np.ones((2, 3840), int)):
-        assert draw_heat_map(counts, "triangles").shape[1] == counts.shape[1]
-    with pytest.raises(ConfigError, match="the heat map must be one of nodes, triangles, not 'boxes'"):
-        draw_heat_map(np.ones((2, 2), int), "boxes")
+        shape = draw_heat_map(counts, "triangles").shape
+        assert shape[0] > len(counts)
+        assert shape[1] == counts.shape[1]
 
 
 def test_a_few_bright_pixels_do_not_darken_the_others():

@@ -81,14 +81,6 @@ def test_the_default_samples_and_curve_depend_on_the_shading():
     assert found == {shading: expected.get(shading, (1, "linear")) for shading in SHADINGS}
 
 
-def test_a_name_that_is_no_setting_is_answered_with_the_nearest_before_the_work():
-    with pytest.raises(SceneError, match=r"no setting 'samples_count': did you mean 'samples'\?"):
-        clbvh.render("no such mesh.ply", samples_count=3)
-    for wrong in ({"view": {"width": 5}}, {"options": {"device": "cpu"}}):
-        with pytest.raises(clbvh.ConfigError, match=f"{next(iter(wrong))} must be a clbvh"):
-            clbvh.render("no such mesh.ply", **wrong)
-
-
 def test_one_way_to_choose_a_camera_takes_the_place_of_another():
     eye = View(eye=(1, 2, 3), look_at=(0, 0, 0))
     assert (eye.changed(side="top").eye, eye.changed(side="top").look_at) == (None, None)
