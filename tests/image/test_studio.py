@@ -4,7 +4,6 @@ import itertools
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 import clbvh
 from clbvh import Appearance, Light, Material, Mesh, Renderer, Scene
@@ -108,18 +107,16 @@ def test_transparent_pictures_have_bright_edges_and_black_shadows():
     assert (shadow.rgb[is_shadow].min(axis=-1) == 0).any()
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_shadows_of_light_along_an_axis_are_those_of_light_nearby(axis):
+def test_shadows_of_light_along_an_axis_are_those_of_light_nearby():
     # Such a light is parallel to sides of the box around the objects, outside which no shadow is looked for.
-    up, ball = np.eye(3)[axis], clbvh.make_shape("icosphere", triangles=320)
-    view = {"up": up, "eye": 4 * up + 3 * np.roll(up, 1), "look_at": (0, 0, 0), "width": 48, "height": 48}
-    along, near = (
-        clbvh.render(ball, transparent=True, light_direction=towards, **view).alpha.astype(int)
-        for towards in (up, up + 1e-6)
-    )
-    is_shadow = (near > 0) & (near < 255)
-    assert is_shadow.sum() > 48
-    assert np.abs(along - near)[is_shadow].mean() < 1.0
+    ball = clbvh.make_shape("icosphere", triangles=320)
+    for up in np.eye(3):
+        view = {"up": up, "eye": 4 * up + 3 * np.roll(up, 1), "look_at": (0, 0, 0), "width": 48, "height": 48}
+        pair = (clbvh.render(ball, transparent=True, light_direction=towards, **view) for towards in (up, up + 1e-6))
+        along, near = (picture.alpha.astype(int) for picture in pair)
+        is_shadow = (near > 0) & (near < 255)
+        assert is_shadow.sum() > 48
+        assert np.abs(along - near)[is_shadow].mean() < 1.0
 
 
 def test_the_filmic_curve_is_that_of_its_source():
@@ -144,44 +141,27 @@ TEXEL = (190, 90, 220)
 BEND = 2 * np.array(TEXEL) / 255 - 1
 MAP = clbvh.Texture("tilt", np.tile(np.uint8(TEXEL), (2, 2, 1)), is_srgb=False)
 
-# Directed light alone: rays of ambient light around a tilted normal may meet the plane itself.
-LIGHT = Light(direction=(0.3, 0.4, 1), sky=(0, 0, 0), ground=(0, 0, 0))
 
-
-def bent(uvs=None, normal=(0, 0, 1), scale=1.0, texture=None):
-    material = Material("a", roughness=0.4, normal_texture=texture, normal_scale=scale)
+def film_of_square(side=1, normal=None, size=(1, 1, 1), uvs=None, **material):
+    """The film of a placed square in directed light: rays of ambient light might meet the plane of a tilted normal."""
     normals = None if normal is None else np.tile(np.asarray(normal, float), (2, 3, 1))
-    return make_square(normals=normals, uvs=uvs, materials=[material])
-
-
-def film_of(source, side=1, light=LIGHT):
-    light = Light(tuple(side * np.array(light.direction)), light.colour, light.sky, light.ground)
-    return show(source, side, light=light, samples=2).film[1:-1, 1:-1, :3]
-
-
-def place(degrees, mirror):
-    """Texture coordinates whose u grows along a direction, and the directions of u and v."""
-    angle = np.radians(degrees)
-    along_u = np.array([np.cos(angle), np.sin(angle), 0])
-    along_v = mirror * np.cross((0, 0, 1), along_u)
-    return np.stack((CORNERS @ along_u, CORNERS @ along_v), axis=-1)[FACES], along_u, along_v
+    scene = Scene()
+    square = make_square(normals=normals, uvs=uvs, materials=[Material("a", roughness=0.4, **material)])
+    scene.place(scene.add(square), clbvh.Transform(size))
+    light = Light(tuple(side * np.array((0.3, 0.4, 1))), sky=(0, 0, 0), ground=(0, 0, 0))
+    return show(scene, side, light=light, samples=2).film[1:-1, 1:-1, :3]
 
 
 def test_a_constant_map_of_normals_is_a_tilted_normal():
     for degrees, mirror, side, scale in ((0, 1, 1, 1), (130, 1, -1, 0.5), (130, -1, 1, -1), (20, -1, -1, 0)):
-        uvs, along_u, along_v = place(degrees, mirror)
+        # The directions of u and v.
+        along_u = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0])
+        along_v = mirror * np.cross((0, 0, 1), along_u)
+        uvs = np.stack((CORNERS @ along_u, CORNERS @ along_v), axis=-1)[FACES]
         meant = scale * (BEND[0] * along_u + BEND[1] * along_v) + BEND[2] * np.array([0, 0, 1])
-        expected = film_of(bent(normal=meant), side)
-        for normal in ((0, 0, 1), None):  # facets are bent as well
-            found = film_of(bent(uvs, normal, scale, MAP), side)
-            np.testing.assert_allclose(found, expected, rtol=1e-3)
-        # And so are placed meshes, mirrored or not.
-        for size in ((-1, 1, 1), (2, 2, 2)):
-            pair = []
-            for mesh in (bent(uvs, scale=scale, texture=MAP), bent(normal=meant)):
-                scene = Scene()
-                scene.place(scene.add(mesh), clbvh.Transform(size))
-                pair.append(film_of(scene, side))
-            np.testing.assert_allclose(*pair, rtol=1e-3)
+        # Placed meshes are bent, too, mirrored or not, and so are facets.
+        for size, normal in (((1, 1, 1), None), ((-1, 1, 1), (0, 0, 1)), ((2, 2, 2), (0, 0, 1))):
+            found = film_of_square(side, normal, size, uvs, normal_texture=MAP, normal_scale=scale)
+            np.testing.assert_allclose(found, film_of_square(side, meant, size), rtol=1e-3)
     # A texture without coordinates bends nothing.
-    assert np.array_equal(film_of(bent(texture=MAP)), film_of(bent()))
+    assert np.array_equal(film_of_square(normal_texture=MAP), film_of_square())

@@ -96,15 +96,6 @@ def with_specks(*places):
     return clbvh.Mesh.from_arrays(np.vstack((BALL.vertices, corners)), np.vstack((BALL.faces, faces)))
 
 
-def test_a_mesh_is_framed_without_its_outliers():
-    cluster = [(40, 40, place) for place in np.linspace(-5, 5, 12)]
-    for specks in ([(90, 0, 0)], cluster, [(1e6, 1e6, 1e6), (-60, 3, 0)]):
-        mesh = with_specks(*specks)
-        framed = frame_without_outliers(SceneBounds.of_mesh(mesh))
-        assert f"{len(specks)} of {mesh.face_count:,} triangle" in framed.note
-        np.testing.assert_allclose(box_of(framed.bounds), [[-1, -1, -1], [1, 1, 1]], atol=0.1)
-
-
 def test_far_spheres_and_instances_are_left_out():
     centres = np.random.default_rng(83).normal(size=(400, 3))
     centres[9] = 0, 500, 0

@@ -94,8 +94,8 @@ def make_frames(height, width):
 
 
 def test_a_gif_has_the_frames_and_repeats(tmp_path):
-    for size, rate, duration in (((1, 1), 12.5, 80), ((5, 7), 1000, 20)):
-        frames = make_frames(*size)
+    frames = make_frames(5, 7)
+    for rate, duration in ((12.5, 80), (1000, 20)):
         series.write_animation(tmp_path / "a.gif", iter(frames), rate)
         with Image.open(tmp_path / "a.gif") as image:
             assert (image.n_frames, image.info["loop"]) == (len(frames), 0)
@@ -107,7 +107,7 @@ def test_a_gif_has_the_frames_and_repeats(tmp_path):
 
 # imageio-ffmpeg's reader leaves its pipes to the garbage collector.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.parametrize("size", [(16, 24), (16, 23), (17, 32)], ids=str)
+@pytest.mark.parametrize("size", [(16, 23), (17, 32)], ids=str)
 def test_a_video_has_the_frames_and_even_sides(tmp_path, size):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     height, width = size
