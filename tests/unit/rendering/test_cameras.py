@@ -165,7 +165,7 @@ def test_what_is_no_camera_and_no_turn_is_refused():
         (lambda: Camera(**place, up=(0, 0, 0)), "up is zero"), (lambda: Camera((0, 0, math.inf), (0, 0, 0)), "finite"),
         (lambda: Camera((1e308, 0, 0), (-1e308, 0, 0)), "farther apart"),
         (lambda: Camera(**place, fov=60, lens=lens), "follows from its lens"),
-        (lambda: Camera(**place).rays(), "has no size"), (lambda: CAMERA.rays(8, 6, range(4, 7)), "the rows of a picture"),
+        (lambda: Camera(**place).rays(), "has no size"), (lambda: CAMERA.rays(8, 6, range(4, 7)), "the rows of"),
         (lambda: Camera(**place, aperture=0.1, lens=lens), "needs a focus_distance"),
         (lambda: Lens(TOO_LONG, 1, 0, 0, 0, 640, 480), "fx must be a finite number"),
         (lambda: CAMERA.orbit(90, axis=(0, 0, 0)), "must not be zero"), (lambda: LENS_CAMERA.orbit(25), "as `about`"),
