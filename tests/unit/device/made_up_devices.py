@@ -38,7 +38,14 @@ OCLGRIND = make_device("Oclgrind Simulator", "cpu", "Oclgrind")
 POCL_3 = make_device(
     "pthread-AMD EPYC", "cpu", POCL, platform_version="OpenCL 3.0 PoCL 3.0-rc2", driver_version="3.0-rc2"
 )
-POCL_6 = make_device("cpu-znver4-AMD EPYC", "cpu", POCL, platform_version="OpenCL 3.0 PoCL 6.0", vendor="AuthenticAMD")
+POCL_6 = make_device(
+    "cpu-znver4-AMD EPYC",
+    "cpu",
+    POCL,
+    platform_version="OpenCL 3.0 PoCL 6.0",
+    driver_version="6.0",
+    vendor="AuthenticAMD",
+)
 POCL_XEON = make_device("cpu-sapphirerapids-Intel(R) Xeon(R) Platinum 8481C", "cpu", POCL, vendor="GenuineIntel")
 POCL_M2 = make_device("cpu-apple-m2-Apple M2 Pro", "cpu", POCL)
 POCL_ARM = make_device("cpu-neoverse-n1-ARM Neoverse-N1", "cpu", POCL)
