@@ -28,12 +28,7 @@ def main() -> int:
     parser.add_argument("--readers", nargs="+", choices=READERS, default=list(READERS), help="all without it")
     options = parser.parse_args()
     count = -(-options.files // len(options.readers))
-    print(
-        f"seed {options.seed}: {count:,} damaged files for each of {', '.join(options.readers)}, "
-        f"{options.meshes:,} meshes",
-        flush=True,
-    )
-
+    print(f"seed {options.seed}: {count:,} files for each of {options.readers}, {options.meshes:,} meshes", flush=True)
     began = time.perf_counter()
     outcome = Outcome()
     fuzz(options.seed, count, options.readers, outcome=outcome)

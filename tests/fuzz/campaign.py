@@ -7,8 +7,6 @@ import select
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -38,13 +36,7 @@ class Outcome:
     peak_kib: int = 0
 
 
-def fuzz(
-    seed: int,
-    count: int,
-    readers: Sequence[str],
-    file_limit_s: float = FILE_LIMIT_S,
-    outcome: Outcome | None = None,
-) -> Outcome:
+def fuzz(seed, count, readers, file_limit_s=FILE_LIMIT_S, outcome=None):
     """Let each reader read `count` damaged files, which follow from the seed one by one, whatever `count` is.
 
     The results are added to those in `outcome`.
@@ -56,44 +48,37 @@ def fuzz(
     return outcome
 
 
-def _run_worker(seed: int, begin: int, end: int, readers: Sequence[str], outcome: Outcome, file_limit_s: float) -> int:
+def _run_worker(seed, begin, end, readers, outcome, file_limit_s):
     """Run a worker until it ends; return the index from which the next one goes on."""
-    with _start_worker(seed, begin, end, readers) as process:
-        current: tuple[str, int] | None = None
-        for line in _read_lines(process, file_limit_s):
-            match line.split():
-                case ["begin", reader, index]:
-                    current = reader, int(index)
-                case ["end", word, *reason] if current:
-                    outcome.counts[current[0], word] += 1
-                    if word == "failed":
-                        outcome.failures.append(Failure(*current, " ".join(reason)))
-                case ["peak", kib]:
-                    outcome.peak_kib = max(outcome.peak_kib, int(kib))
-                    return end
-        if current is None:
-            raise RuntimeError(f"the worker of the fuzz ended with {process.poll()} before it read a file")
-        code = process.poll()
-        reason = f"took longer than {file_limit_s} s" if code is None else f"the process ended with {code}"
-        outcome.counts[current[0], "failed"] += 1
-        outcome.failures.append(Failure(*current, reason))
-        return current[1] + 1
-
-
-@contextmanager
-def _start_worker(seed: int, begin: int, end: int, readers: Sequence[str]) -> Iterator[subprocess.Popen]:
     command = [sys.executable, "-m", "tests.fuzz.worker", *map(str, (seed, begin, end)), *readers]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(_ROOT), os.environ.get("PYTHONPATH", "")])}
+    current = None
     with subprocess.Popen(command, cwd=_ROOT, stdout=subprocess.PIPE, env=environment) as process:
         try:
-            yield process
+            for line in _read_lines(process, file_limit_s):
+                match line.split():
+                    case ["begin", reader, index]:
+                        current = reader, int(index)
+                    case ["end", word, *reason] if current:
+                        outcome.counts[current[0], word] += 1
+                        if word == "failed":
+                            outcome.failures.append(Failure(*current, " ".join(reason)))
+                    case ["peak", kib]:
+                        outcome.peak_kib = max(outcome.peak_kib, int(kib))
+                        return end
+            code = process.poll()
         finally:
             process.kill()
+    if current is None:
+        raise RuntimeError(f"the worker of the fuzz ended with {code} before it read a file")
+    reason = f"took longer than {file_limit_s} s" if code is None else f"the process ended with {code}"
+    outcome.counts[current[0], "failed"] += 1
+    outcome.failures.append(Failure(*current, reason))
+    return current[1] + 1
 
 
-def _read_lines(process: subprocess.Popen, file_limit_s: float) -> Iterator[str]:
+def _read_lines(process, file_limit_s):
     """Yield the lines of a worker, until it ends or says nothing for too long."""
-    assert process.stdout is not None
     descriptor, rest, limit_s = process.stdout.fileno(), b"", START_LIMIT_S
     while select.select([descriptor], [], [], limit_s)[0]:
         limit_s = file_limit_s

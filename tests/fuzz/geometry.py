@@ -5,17 +5,13 @@ A mesh is a target as a file is: its few bytes are the seed that everything foll
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from pathlib import Path
-from random import Random
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from clbvh import Bvh, Mesh, build
+from clbvh import Mesh, build
 from clbvh.device.session import DeviceSession
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.hits.all_hits import find_all_hits
@@ -33,7 +29,6 @@ from ..worlds import mesh_on_device
 from .readers import Reader
 
 _SEED_BYTES = 8
-_FIRST_SEEDS = 8
 _SOUP = "soup"
 _RAYS_PER_KIND, _POINTS = 40, 40
 
@@ -48,18 +43,15 @@ _BUILDS: list[dict[str, Any]] = [
     {"builder": "bin", "leaf_size": 2},
 ]  # fmt: skip
 
-Rays = tuple[NDArray[np.float64], NDArray[np.float64]]
 
-
-def _make_scene(generator: np.random.Generator) -> tuple[Mesh, Rays]:
+def _make_scene(generator):
     """Return a mesh and rays in its coordinates."""
     kind = str(generator.choice([_SOUP, _SOUP, *sorted(MESHES)]))
     if kind == _SOUP:
-        mesh = make_soup(
-            int(generator.integers(1, 60)), int(generator.integers(2**32)),
-            grid=int(generator.choice([3, 8, 1000])), size=int(generator.choice([2, 8])),
-            copies=generator.choice([0, 0.3]), degenerate=generator.choice([0, 0.3]),
-        )  # fmt: skip
+        count, seed = int(generator.integers(1, 60)), int(generator.integers(2**32))
+        grid, size = int(generator.choice([3, 8, 1000])), int(generator.choice([2, 8]))
+        copies, degenerate = generator.choice([0, 0.3], 2)
+        mesh = make_soup(count, seed, grid=grid, size=size, copies=copies, degenerate=degenerate)
     else:
         mesh = make_mesh(kind, generator)
     kinds = [hard_rays(mesh, _RAYS_PER_KIND, generator)]
@@ -70,7 +62,7 @@ def _make_scene(generator: np.random.Generator) -> tuple[Mesh, Rays]:
     return _move(mesh, origins, directions, generator)
 
 
-def _move(mesh: Mesh, origins: NDArray[np.float64], directions: NDArray[np.float64], generator: np.random.Generator):
+def _move(mesh, origins, directions, generator):
     """Leave all as it is; or scale it by a power of two and move it by whole sizes; or do both by any numbers."""
     how = generator.integers(3)
     if how == 0:
@@ -90,7 +82,7 @@ def _move(mesh: Mesh, origins: NDArray[np.float64], directions: NDArray[np.float
 
 
 @contextmanager
-def _open(session: DeviceSession, bvh: Bvh, layout: str | None) -> Iterator[Caster]:
+def _open(session, bvh, layout):
     """Open a caster for a tree in a layout; without one, for its mesh without a tree."""
     with mesh_on_device(session, bvh.mesh, bvh if layout else None, layout or "auto") as world:
         # One stack size for all trees, so that they share their kernels.
@@ -102,7 +94,7 @@ def _open(session: DeviceSession, bvh: Bvh, layout: str | None) -> Iterator[Cast
             caster.release()
 
 
-def _ask(caster: Caster, rays: Rays, points: NDArray[np.float64], limits: Rays) -> dict[str, Any]:
+def _ask(caster, rays, points, limits):
     """Return the answers to all queries."""
     free, shape = read_rays(*rays, 0.0, np.inf)
     limited, _ = read_rays(*rays, *limits)
@@ -117,7 +109,7 @@ def _ask(caster: Caster, rays: Rays, points: NDArray[np.float64], limits: Rays) 
     }
 
 
-def _bytes(answer: Any) -> list[bytes]:
+def _bytes(answer):
     """Return an answer's arrays as bytes."""
     if isinstance(answer, np.ndarray):
         return [answer.tobytes()]
@@ -125,7 +117,7 @@ def _bytes(answer: Any) -> list[bytes]:
     return [value.tobytes() for value in fields if isinstance(value, np.ndarray)]
 
 
-def _are_exact(mesh: Mesh, rays: Rays) -> NDArray[np.bool_]:
+def _are_exact(mesh, rays):
     """Say of each ray whether the device sees exactly what the oracle sees: nothing was rounded to float32."""
     if (mesh.to_local(mesh.vertices) != mesh.local_vertices).any():
         return np.zeros(len(rays[0]), np.bool_)
@@ -161,11 +153,11 @@ def check_geometry(session: DeviceSession, seed: int) -> int:
 
     # The queries agree with each other.
     closest, limited, crossings = expected["closest_hit"], expected["closest_hit, limits"], expected["all_hits"]
-    assert (limited.is_hit == (expected["count_hits"] > 0)).all(), "closest_hit and count_hits disagree"
-    assert (limited.is_hit == expected["any_hit"]).all(), "closest_hit and any_hit disagree"
-    assert (closest.is_hit == (crossings.counts > 0)).all(), "closest_hit and all_hits disagree"
+    assert (limited.is_hit == (expected["count_hits"] > 0)).all()
+    assert (limited.is_hit == expected["any_hit"]).all()
+    assert (closest.is_hit == (crossings.counts > 0)).all()
     begins = crossings.offsets[:-1][closest.is_hit]
-    assert (crossings.prim_id[begins] == closest.prim_id[closest.is_hit]).all(), "all_hits begins with another face"
+    assert (crossings.prim_id[begins] == closest.prim_id[closest.is_hit]).all()
 
     # And the oracle with them.
     judged = np.flatnonzero(_are_exact(mesh, rays))
@@ -177,18 +169,15 @@ def check_geometry(session: DeviceSession, seed: int) -> int:
 
 
 @cache
-def _open_device() -> DeviceSession:
+def _open_device():
     return DeviceSession()
 
 
-def _read(content: bytes, folder: Path) -> bool:
+def _read(content, folder):
     check_geometry(_open_device(), int.from_bytes(content, "little"))
     return True
 
 
-def _make(generator: Random) -> bytes:
-    return generator.randbytes(_SEED_BYTES)
-
-
 # The first ones compile what the others use, before their time counts.
-GEOMETRY = Reader([seed.to_bytes(_SEED_BYTES, "little") for seed in range(_FIRST_SEEDS)], _make, _read)
+_FIRST = [seed.to_bytes(_SEED_BYTES, "little") for seed in range(8)]
+GEOMETRY = Reader(_FIRST, lambda generator: generator.randbytes(_SEED_BYTES), _read)

@@ -14,10 +14,9 @@ import base64
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from random import Random
-from typing import Any
 
 import numpy as np
 
@@ -26,8 +25,7 @@ from clbvh.bvh import serialize
 from clbvh.errors import ClbvhError
 from clbvh.geometry import Mesh, Spheres
 from clbvh.geometry.loading.spheres_file import read_spheres
-from clbvh.rendering.scene_file import SceneObject, parse_scene_file, read_scene_file
-from clbvh.scene.scene import Scene
+from clbvh.rendering.scene_file import parse_scene_file, read_scene_file
 
 from ..soup import make_soup
 from ..unit.geometry.gltf_files import pack_glb
@@ -61,77 +59,70 @@ def accepts(read: Callable[[], object]) -> bool:
     return True
 
 
-def _check_mesh(mesh: Mesh) -> None:
+def _make_reader(originals, donors, suffix, check):
+    """Return the reader of a format: `check` loads the file, and sees whether the result is valid."""
+
+    def read(content, folder):
+        path = folder / f"a.{suffix}"
+        path.write_bytes(content)
+        return accepts(lambda: check(path))
+
+    return Reader(originals, lambda generator: mutate(generator.choice(originals), generator, donors), read)
+
+
+def _check_mesh(mesh):
     assert mesh.vertices.shape[1:] == mesh.faces.shape[1:] == (3,)
     assert np.isfinite(mesh.vertices).all()
     assert np.isfinite(mesh.origin).all()
     assert 0 <= mesh.faces.min() <= mesh.faces.max() < len(mesh.vertices)
 
 
-def _read_mesh(content: bytes, folder: Path, suffix: str) -> bool:
-    path = folder / f"a.{suffix}"
-    path.write_bytes(content)
-    return accepts(lambda: _check_mesh(load_mesh(path)))
+def _load_mesh(path):
+    _check_mesh(load_mesh(path))
 
 
-def _mesh_reader(suffix: str, originals: Sequence[bytes]) -> Reader:
-    donors = [content for files in samples.MESH_FILES.values() for content in files]
-    return Reader(
-        originals,
-        lambda generator: mutate(generator.choice(originals), generator, generator.choice((originals, donors))),
-        lambda content, folder: _read_mesh(content, folder, suffix),
-    )
-
-
-def _pack(document: dict[str, Any], buffer: bytes, *, is_glb: bool) -> bytes:
-    if is_glb:
+def _pack(document, buffer, suffix):
+    if suffix == "glb":
         return pack_glb(json.dumps({"buffers": [{"byteLength": len(buffer)}]} | document).encode(), buffer)
     uri = "data:;base64," + base64.b64encode(buffer).decode()
     return json.dumps({"buffers": [{"byteLength": len(buffer), "uri": uri}]} | document).encode()
 
 
-def _gltf_reader(*, is_glb: bool) -> Reader:
+def _gltf_reader(suffix):
     parts = [(gltf.document, gltf.buffer) for gltf in samples.make_gltf_documents()]
-    originals = [_pack(document, buffer, is_glb=is_glb) for document, buffer in parts]
+    originals = [_pack(document, buffer, suffix) for document, buffer in parts]
 
-    def make(generator: Random) -> bytes:
+    def make(generator):
         """Damage the JSON values, the buffer, or the bytes of the whole file."""
         document, buffer = generator.choice(parts)
         kind = generator.random()
         if kind < 0.3:
-            return mutate(_pack(document, buffer, is_glb=is_glb), generator, originals)
+            return mutate(_pack(document, buffer, suffix), generator, originals)
         if kind < 0.8:
             document = mutate_json(json.loads(json.dumps(document)), generator)
         if kind > 0.7:
             buffer = mutate(buffer, generator, [buffer])
-        return _pack(document, buffer, is_glb=is_glb)
+        return _pack(document, buffer, suffix)
 
-    return Reader(originals, make, lambda content, folder: _read_mesh(content, folder, "glb" if is_glb else "gltf"))
-
-
-def _read_scene(content: bytes, folder: Path) -> bool:
-    path = folder / "a.toml"
-    path.write_bytes(content)
-
-    def read() -> None:
-        file = parse_scene_file(path)
-        assert file.view.width >= 1
-        assert file.view.height >= 1
-        copies = [found.count for found in file.objects.values()]
-        if all(map(_is_quick, file.objects.values())) and max(copies) < _FEW_COPIES:
-            _check_scene(read_scene_file(path)[0], sum(copies))
-
-    return accepts(read)
+    return replace(_make_reader(originals, originals, suffix, _load_mesh), make=make)
 
 
-def _is_quick(found: SceneObject) -> bool:
+def _load_scene(path):
+    file = parse_scene_file(path)
+    assert min(file.view.width, file.view.height) >= 1
+    copies = [found.count for found in file.objects.values()]
+    if all(map(_is_quick, file.objects.values())) and max(copies) < _FEW_COPIES:
+        _check_scene(read_scene_file(path)[0], sum(copies))
+
+
+def _is_quick(found):
     """Return whether a source loads in a moment, or is refused."""
     source = dict(found.source)
     size = source.get("triangles", source.get("number", 0 if "centres" in source else _SMALL_SHAPE + 1))
     return not _SMALL_SHAPE < size < _HUGE_SHAPE
 
 
-def _check_scene(scene: Scene, instance_count: int) -> None:
+def _check_scene(scene, instance_count):
     state = scene.snapshot()
     assert state.instance_count == instance_count == len(set(state.instance_names))
     assert np.isfinite(state.transforms).all()
@@ -144,34 +135,20 @@ def _check_scene(scene: Scene, instance_count: int) -> None:
             assert (shape.radii > 0).all()
 
 
-def _read_spheres(content: bytes, folder: Path, suffix: str) -> bool:
-    path = folder / f"a.{suffix}"
-    path.write_bytes(content)
-
-    def read() -> None:
-        centres, radii = read_spheres(path)
-        spheres = Spheres(centres, 1.0 if radii is None else radii)
-        assert spheres.centres.shape == (spheres.prim_count, 3)
-        assert np.isfinite(spheres.centres).all()
-
-    return accepts(read)
+def _load_spheres(path):
+    centres, radii = read_spheres(path)
+    spheres = Spheres(centres, 1.0 if radii is None else radii)
+    assert spheres.centres.shape == (spheres.prim_count, 3)
+    assert np.isfinite(spheres.centres).all()
 
 
-def _spheres_reader(suffix: str, originals: Sequence[bytes]) -> Reader:
-    return Reader(
-        originals,
-        lambda generator: mutate(generator.choice(originals), generator, originals),
-        lambda content, folder: _read_spheres(content, folder, suffix),
-    )
-
-
-def _tree_reader() -> Reader:
+def _tree_reader():
     tree = build(make_soup(12, seed=3), leaf_size=2)
     header_bytes = serialize._HEADER.size
     words = np.concatenate([tree.nodes["first"], tree.nodes["count"], tree.prim_ids]).astype("<i4")
     facts = (serialize.MAGIC, serialize.FORMAT_VERSION, tree.node_count, tree.mesh.face_count, tree.mesh.fingerprint)
 
-    def seal(content: bytes) -> bytes:
+    def seal(content):
         """Return a file whose digests fit its content, so that what lies behind them is reached."""
         digest = hashlib.sha256(content[header_bytes:]).digest()[:_DIGEST_BYTES]
         sealed = content[: header_bytes - 2 * _DIGEST_BYTES] + digest
@@ -179,7 +156,7 @@ def _tree_reader() -> Reader:
 
     original = seal(serialize._HEADER.pack(*facts, b"", b"") + words.tobytes())
 
-    def make(generator: Random) -> bytes:
+    def make(generator):
         """Damage the bytes, or exchange and change links and leave the digests right."""
         if generator.random() < 0.4:
             content = mutate(original, generator, [original])
@@ -194,23 +171,17 @@ def _tree_reader() -> Reader:
                 changed[places[0]] = generator.choice((-1, 0, 1, 2, 2**31 - 1, -(2**31), generator.randrange(25)))
         return seal(original[:header_bytes] + changed.tobytes())
 
-    def read(content: bytes, folder: Path) -> bool:
-        path = folder / "a.tree"
-        path.write_bytes(content)
-        return accepts(lambda: validate_tree(Bvh.load(path, tree.mesh)))
-
-    return Reader([original], make, read)
+    reader = _make_reader([original], [original], "tree", lambda path: validate_tree(Bvh.load(path, tree.mesh)))
+    return replace(reader, make=make)
 
 
-READERS: dict[str, Reader] = {
-    **{suffix: _mesh_reader(suffix, originals) for suffix, originals in samples.MESH_FILES.items()},
-    "glb": _gltf_reader(is_glb=True),
-    "gltf": _gltf_reader(is_glb=False),
-    "scene": Reader(
-        samples.SCENE_FILES,
-        lambda generator: mutate(generator.choice(samples.SCENE_FILES), generator, samples.SCENE_FILES),
-        _read_scene,
-    ),
-    **{f"spheres-{suffix}": _spheres_reader(suffix, originals) for suffix, originals in samples.SPHERES_FILES.items()},
+_ALL_MESHES = [content for files in samples.MESH_FILES.values() for content in files]
+READERS = {
+    **{suffix: _make_reader(files, _ALL_MESHES, suffix, _load_mesh) for suffix, files in samples.MESH_FILES.items()},
+    "glb": _gltf_reader("glb"),
+    "gltf": _gltf_reader("gltf"),
+    "scene": _make_reader(samples.SCENE_FILES, samples.SCENE_FILES, "toml", _load_scene),
+    "spheres-npz": _make_reader(*[samples.SPHERES_FILES["npz"]] * 2, "npz", _load_spheres),
+    "spheres-csv": _make_reader(*[samples.SPHERES_FILES["csv"]] * 2, "csv", _load_spheres),
     "tree": _tree_reader(),
 }

@@ -122,59 +122,37 @@ shape = "knot"
 triangles = 1000
 seed = 3
 strands = 4
-scale = 2
 rotate = [0, 90, 0]
 translate = [1, 2, 3.5]
-
 [view]
 eye = [0, 0, 9]
 look_at = [0, 1, 0]
-up = [0, 1, 0.5]
 fov = 40
 cut = "z=50%"
 width = 64
-height = 32
 shading = "lambert"
-surface = [1, 0, 0]
 background = [[0, 0, 0], [1, 1, 1]]
 light = {direction = [1, 1, 0], colour = [1, 1, 1], sky = [0.1, 0.2, 0.3], ground = [0, 0, 0]}
-
-[view.wireframe]
-width = 2
+wireframe = {width = 2}
 """
 _OBJECTS = """[[object]]
 label = "ground"
 shape = "terrain"
 triangles = 200
-height = 0.5
-colour = [0.2, 0.4, 0.1]
 scale = [2, 1, 2]
-
 [[object]]
 shape = "icosphere"
 triangles = 20
 mask = 3
 matrix = [[0, 0, 1, 0], [1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 0, 1]]
-[object.repeat]
-on = "ground"
-count = 12
-seed = 4
-scale = [0.5, 2]
-align = "normal"
-turn = true
-
+repeat = {on = "ground", count = 12, seed = 4, scale = [0.5, 2], align = "normal", turn = true}
 [[object]]
 spheres = "galaxy"
 count = 30
-seed = 2
-arms = 3
 repeat = {grid = [2, 1, 3], spacing = [1, 0, 2.5]}
-
 [[object]]
 centres = [[0, 0, 0], [1, 2, 3.5]]
 radii = [1, 0.5]
-rotate = [0, 90, 0]
-
 [view]
 up = "z"
 projection = "fisheye:220"

@@ -25,14 +25,14 @@ from .readers import READERS, Reader, accepts
 MEMORY_BYTES = 512 << 20  # that a worker may take beyond what it has after every reader has read its valid files
 
 
-def _run_out_of_memory() -> None:
+def _run_out_of_memory():
     try:
         bytearray(2 * MEMORY_BYTES)
     except MemoryError as error:
         raise MeshError("there is not enough memory") from error
 
 
-def _blame_the_machine() -> None:
+def _blame_the_machine():
     raise DeviceError("this is no fault of the file")
 
 
