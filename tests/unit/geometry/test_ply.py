@@ -165,15 +165,6 @@ def test_faces_choose_among_textures(load, tmp_path):
     assert alone.base_colour_texture.pixels[0, 0, 0] == 0
 
 
-def test_normals_of_no_length_are_those_of_the_faces(load):
-    columns = TILTED * [[0], [1], [1], [1]]
-    expected = UNIT[CUT]
-    expected[0, 0] = expected[1, 0] = [0, 0, 1]
-    expected[2, 2] = [0, 0, -1]
-    content = make_ply(properties=["float nx", "float ny", "float nz"], columns=columns)
-    np.testing.assert_allclose(load(content).appearance.normals, expected, atol=1e-7)
-
-
 @pytest.mark.filterwarnings("ignore:invalid value")
 def test_looks_that_cannot_be_used_are_one_warning_at_the_caller(tmp_path):
     path = tmp_path / "a.ply"

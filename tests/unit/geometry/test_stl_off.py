@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh import AppearanceWarning
 from clbvh.geometry.appearance.srgb import linear_to_srgb
 
 TRIANGLES = np.float32(
@@ -94,15 +93,3 @@ def test_colours_of_faces_follow_the_cut(load):
     text = "OFF\n4 2 0\n" + "\n".join(VERTICES) + "\n4 0 1 2 3 255 0 7\n3 2 1 0 1 2 3\n"
     assert load(text).appearance.colours[:, 0].tolist() == [[255, 0, 7, 255], [255, 0, 7, 255], [1, 2, 3, 255]]
     assert load(text.replace(" 255 0 7", " 9").replace(" 1 2 3\n", " 9\n")).appearance is None  # an index
-
-
-def test_looks_that_cannot_be_used_are_one_warning(load):
-    for text, message in (
-        ("COFF\n4 2 0\n0 0 0 1 1 1\n1 0 0\n2 1 0\n0 1 0\n", "vertices cannot be used: their numbers are not"),
-        ("COFF\n4 2 0\n0 0 0 1\n1 0 0 1\n2 1 0 1\n0 1 0 1\n", "their numbers are not those that the keyword announces"),
-        ("OFF\n4 3 0\n0 0 0\n1 0 0\n2 1 0\n0 1 0\n3 0 1 2 9 9 9\n", "colours cannot be used: not all faces"),
-    ):
-        with pytest.warns(AppearanceWarning, match=message):
-            mesh = load(text + FACES)
-        assert mesh.faces[-3:].tolist() == CUT.tolist()
-        assert mesh.appearance is None

