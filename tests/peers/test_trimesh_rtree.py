@@ -1,5 +1,7 @@
 """The same points through `trimesh.proximity`, which needs rtree and scipy, and through this engine."""
 
+import itertools
+
 import numpy as np
 import pytest
 import trimesh
@@ -54,10 +56,6 @@ def check_distances(obtained, expected):
     assert np.isclose(obtained, expected, rtol=1e-6, atol=1e-9).mean() >= 0.995
 
 
-def are_same(obtained, expected, rtol):
-    return np.isclose(obtained, expected, rtol=rtol) | (np.isinf(obtained) & np.isinf(expected))
-
-
 def test_closest_points(mesh, points):
     obtained, expected = ask_both("closest_point", mesh, points)
     check_distances(obtained[1], expected[1])
@@ -72,34 +70,22 @@ def test_closest_points(mesh, points):
     assert (np.linalg.norm(turned, axis=1) < 1e-6).mean() > 0.8
 
 
-def test_signed_distances(mesh, points):
+def test_signed_distances_and_nearest_vertices(mesh, points):
     (obtained,), (expected,) = ask_both("signed_distance", mesh, points)
     check_distances(np.abs(obtained), np.abs(expected))
     assert (np.sign(obtained) == np.sign(expected)).mean() >= (0.999 if mesh.is_watertight else 0.97)
+    ours, theirs = (kind(mesh).vertex(points)[0] for kind in (ProximityQuery, trimesh.proximity.ProximityQuery))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-12)
 
 
-def test_vertices(mesh, points):
-    obtained, expected = (
-        query.vertex(points) for query in (ProximityQuery(mesh), trimesh.proximity.ProximityQuery(mesh))
-    )
-    assert [(a.dtype, a.shape) for a in obtained] == [(a.dtype, a.shape) for a in expected]
-    np.testing.assert_allclose(obtained[0], expected[0], rtol=1e-12)
-    assert (mesh.vertices[obtained[1]] == mesh.vertices[expected[1]]).all(axis=1).mean() >= 0.999
-
-
-@pytest.mark.parametrize("exterior", [False, True])
-@pytest.mark.parametrize("method", ["ray", "max_sphere"])
-def test_thickness(mesh, method, exterior):
-    at, normals = mesh.triangles_center[::3], mesh.face_normals[::3]
-    (obtained,), (expected,) = ask_both("thickness", mesh, at, exterior=exterior, normals=normals, method=method)
-    assert are_same(obtained, expected, 1e-4).mean() >= 0.98
-
-
-def test_tangent_spheres_and_longest_rays(mesh, points):
-    obtained, expected = ask_both("max_tangent_sphere", mesh, mesh.triangles_center[::4])
-    same = are_same(obtained[1], expected[1], 1e-4)
-    assert same.mean() >= 0.98
-    np.testing.assert_allclose(obtained[0][same], expected[0][same], atol=1e-3)
-    ways = np.random.default_rng(97).normal(size=points.shape)
-    (obtained,), (expected,) = ask_both("longest_ray", mesh, points, ways)
-    assert are_same(obtained, expected, 1e-5).mean() >= 0.999
+def test_thickness_tangent_spheres_and_longest_rays(mesh, points):
+    at, ways = mesh.triangles_center[::4], np.random.default_rng(97).normal(size=points.shape)
+    queries = [("max_tangent_sphere", (mesh, at), {}), ("longest_ray", (mesh, points, ways), {})]
+    for method, exterior in itertools.product(("ray", "max_sphere"), (False, True)):
+        options = {"exterior": exterior, "normals": mesh.face_normals[::4], "method": method}
+        queries.append(("thickness", (mesh, at), options))
+    for query, arguments, options in queries:
+        obtained, expected = (answer[-1] for answer in ask_both(query, *arguments, **options))
+        rtol, share = (1e-5, 0.999) if query == "longest_ray" else (1e-4, 0.98)
+        same = np.isclose(obtained, expected, rtol=rtol) | (np.isinf(obtained) & np.isinf(expected))
+        assert same.mean() >= share, (query, options)

@@ -117,14 +117,3 @@ def test_most_rays_are_decided(opened, seed, is_far, scale):
 
 def test_the_first_of_all_hits_is_the_closest_one_far_away(opened):
     check(scale_scene(make_scene(7, ("line", "cube", "ball"), ("turn", "scale", "turn"), is_far=True), 1e30), opened)
-
-
-@pytest.mark.parametrize("seed", seeds(2))
-def test_a_power_of_two_changes_no_bit_but_those_of_exponents(opened, seed):
-    scene, found = make_scene(seed, tuple(KINDS), tuple(LINEAR)), []
-    for exponent in (0, -99, 99):
-        scaled = scale_scene(scene, 2.0**exponent)
-        with Tracer(scaled.contents(), device=opened.info) as tracer:
-            found.append(as_bytes(tracer.all_hits(scaled.origins, scaled.directions)))
-            del found[-1]["locations"]
-    assert found[0] == found[1] == found[2]

@@ -44,15 +44,6 @@ def test_every_shape_gives_a_right_tree_and_the_same_bytes_whoever_builds_it(bui
             assert bytes_of(other) == bytes_of(bvh), (name, threshold, workers)
 
 
-@pytest.mark.parametrize("quality", QUALITIES)
-def test_primitives_ascend_within_every_leaf(quality):
-    bvh = build(make_soup(3000, seed=8, copies=0.5), leaf_size=16, traversal_cost=10, quality=quality)
-    leaves = bvh.nodes[bvh.nodes["count"] > 1]
-    assert len(leaves) > 100
-    for first, count in zip(leaves["first"], leaves["count"], strict=True):
-        assert (np.diff(bvh.prim_ids[first : first + count]) > 0).all()
-
-
 @pytest.mark.parametrize("shape", ["knot", "blobs", "terrain", "boxes"])
 def test_trees_are_as_good_as_their_quality_says(shape):
     mesh = make_shape(shape, triangles=5000, seed=1)

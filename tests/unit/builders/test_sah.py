@@ -25,15 +25,6 @@ def test_the_tree_is_that_of_the_plain_builder(bins, leaf_size, traversal_cost):
         assert bvh.prim_ids.tobytes() == prim_ids.tobytes(), name
 
 
-def test_a_reference_is_the_box_of_its_triangle():
-    mesh = make_soup(100, seed=1, degenerate=0.2)
-    rows = make_prim_refs(mesh)[0][0]
-    corners = mesh.local_vertices[mesh.faces]
-    assert (rows[:, :3] == corners.min(axis=1)).all()
-    assert (rows[:, 4:7] == -corners.max(axis=1)).all()
-    assert rows.view(np.int32)[:, [3, 7]].tolist() == [[number, 0] for number in range(100)]
-
-
 def test_a_partition_keeps_the_order_on_both_sides_and_bounds_their_centroids():
     prim_refs, bounds = make_prim_refs(make_soup(100, seed=1, grid=20, copies=0.2))
     rows, target, gap = prim_refs[0], np.zeros((130, BOX_LANES), np.float32), np.zeros((30, BOX_LANES), np.float32)

@@ -50,10 +50,9 @@ def test_stats_of_the_hand_made_tree():
 def test_bars_fit_and_lose_nothing():
     assert gather_bars([0, 5, 0, 2, 0], 3) == [Bar(1, 1, 5), Bar(2, 2, 0), Bar(3, 3, 2)]
     assert gather_bars([], 5) == gather_bars([0, 0], 5) == []
-    for most in (1, 2, 7, 16, 99, 100, 101):
+    for most in (1, 7, 99, 100):
         bars = gather_bars([0, *range(1, 101)], most)
-        assert len(bars) <= most
-        assert sum(bar.count for bar in bars) == 5050
+        assert (len(bars) <= most, sum(bar.count for bar in bars)) == (True, 5050)
         assert [bar.first for bar in bars] == [1, *(bar.last + 1 for bar in bars[:-1])]
     assert (Bar(3, 3, 1).label, Bar(3, 5, 1).label) == ("3", "3 to 5")
 

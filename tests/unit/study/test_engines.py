@@ -9,33 +9,24 @@ import sys
 import numpy as np
 import pytest
 
-from clbvh import BuildOptions, Mesh, build
-from clbvh.builders.ladder.variants import VARIANTS
+from clbvh import BuildOptions, Mesh
 from clbvh.study.engines import EngineError, Rival
 from clbvh.study.experiments.peers import QUERIES
 from clbvh.study.ladder_work import count_ladder_work
 from clbvh.study.machine import count_build, find_counter_problem
-from clbvh.study.samples import NotMeasuredError
 
 RAY_COUNT = 64
 RAYS = ("coherent", "shuffled", "scattered")
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory, mesh):
-    """The shared files of a mesh."""
-    folder = tmp_path_factory.mktemp("shared")
+@pytest.mark.usefixtures("_opened_device")
+def test_this_library_in_a_process_of_its_own(tmp_path, mesh):
     origins = np.tile([[0.0, 0.0, 9.0]], (RAY_COUNT, 1))
     directions = np.random.default_rng(0).normal(size=(RAY_COUNT, 3)) * [0.1, 0.1, 0.0] - [0, 0, 1]
     arrays = {"vertices": mesh.vertices, "faces": mesh.faces, "points": origins[None]}
     for name, array in {**arrays, **dict.fromkeys(RAYS, np.stack((origins, directions)))}.items():
-        np.save(folder / f"{name}.npy", array)
-    return str(folder)
-
-
-@pytest.mark.usefixtures("_opened_device")
-def test_this_library_in_a_process_of_its_own(folder):
-    with Rival("clbvh", folder) as engine:
+        np.save(tmp_path / f"{name}.npy", array)
+    with Rival("clbvh", str(tmp_path)) as engine:
         for query in QUERIES:
             assert engine.measure(query)[0] > 0
         (_, closest), (_, every) = (engine.measure(query)[1] for query in ("coherent", "all"))
@@ -58,22 +49,16 @@ echo "# started on some day" >&2
 echo "$((1000 + 500 * builds)),,instructions:u,1,100.00,," >&2
 echo "$((10 + 7 * builds)),,cache-misses,1,100.00,," >&2
 """
-FAILING = "#!/bin/sh\necho 'no permission' >&2\nexit 1\n"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="perf is Linux's")
 def test_perf_is_read_and_its_absence_is_said(monkeypatch, tmp_path):
     perf = tmp_path / "perf"
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}/usr/bin{os.pathsep}/bin")
-    for script in (COUNTING, FAILING):
-        perf.write_text(script)
-        perf.chmod(0o755)
-        find_counter_problem.cache_clear()
-        if script == COUNTING:  # without Python's start
-            assert count_build("knot-1000", "flat") == {"instructions": 500, "cache_misses": 7}
-        else:
-            with pytest.raises(NotMeasuredError, match="perf stat fails"):
-                count_build("knot-1000", "flat")
+    perf.write_text(COUNTING)
+    perf.chmod(0o755)
+    find_counter_problem.cache_clear()
+    assert count_build("knot-1000", "flat") == {"instructions": 500, "cache_misses": 7}  # without Python's start
     find_counter_problem.cache_clear()
     monkeypatch.setenv("PATH", str(tmp_path / "gone"))
     assert find_counter_problem() == "perf is not installed"
@@ -95,13 +80,3 @@ def test_the_work_of_two_triangles_by_hand():
     assert (copying.allocations, copying.moves) == (5, work.moves + 2)
     # Each is looked up once to count and once to part them.
     assert (binned.comparisons, binned.bin_lookups, binned.allocations, binned.boxes) == (0, 4, 0, 2)
-
-
-def test_variants_save_what_their_names_say(mesh):
-    works = {name: count_ladder_work(mesh, name) for name in VARIANTS}
-    assert works["sequential"] == works["naive"]
-    for name, variant in VARIANTS.items():
-        assert (works[name].boxes == mesh.face_count) == variant.cached
-    assert works["median"].comparisons < works["cached"].comparisons == works["range"].comparisons
-    assert works["frontier"].bin_lookups < works["flat"].bin_lookups == works["bin"].bin_lookups
-    assert works["bin"].allocations == build(mesh, builder="bin").node_count

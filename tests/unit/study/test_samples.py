@@ -10,7 +10,7 @@ import pytest
 
 from clbvh.errors import PoolError
 from clbvh.study.experiment import Experiment
-from clbvh.study.machine import Machine, keep_machine, read_machines
+from clbvh.study.machine import Machine
 from clbvh.study.run import group_cases, sample_group
 from clbvh.study.samples import FILE_NAME, NotMeasuredError, Sample, SampleFile
 from clbvh.study.scale import Scale
@@ -123,15 +123,6 @@ def test_samples_are_kept_one_by_one_and_told_apart_by_their_machine(tmp_path):
     SampleFile(tmp_path, "here").add_sample("ladder", CASE, 1, Sample({"build_ms": 3.0}))
     values = [record["values"]["build_ms"] for record in SampleFile(tmp_path, "here").samples("ladder")]
     assert values == [1.5, 3.0]
-
-
-def test_changes_of_the_machine_are_named(tmp_path):
-    before, after = (Machine(facts, None) for facts in ({"numpy": "1"}, {"numpy": "2", "rtree": "3"}))
-    assert keep_machine(tmp_path, before) == keep_machine(tmp_path, before) == []
-    assert keep_machine(tmp_path, after) == ["numpy was 1, and is 2", "rtree was missing, and is 3"]
-    # Back again: these samples are seen again.
-    assert keep_machine(tmp_path, before) == []
-    assert list(read_machines(tmp_path)) == [after.digest, before.digest]
 
 
 def test_lane_use_is_mean_over_maximum_of_each_group():
