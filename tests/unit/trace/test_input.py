@@ -9,7 +9,6 @@ import pytest
 from clbvh import ConfigError, QueryError, Renderer, SceneError
 from clbvh.support import memory
 from clbvh.trace.rays import pieces
-from clbvh.trace.rays.batch import read_points, read_rays
 
 FIELDS = ("t", "u", "v", "prim_id", "is_front")
 RAY_QUERIES = ("closest_hit", "closest_prim", "any_hit", "count_hits", "all_hits")
@@ -100,21 +99,6 @@ def test_the_host_copies_no_array_of_the_length_of_the_rays(tracer, monkeypatch,
         tracemalloc.stop()
     # One byte per ray is the result; 8 bytes per ray are a third of what a copy of the vectors would be.
     assert peak < blocked.nbytes + 8 * count
-
-
-def test_compiled_functions_see_one_kind_of_array():
-    """Each further kind of array would be compiled for: a pause of seconds in a user's first call with it."""
-    vectors = np.random.default_rng(9).normal(size=(60, 3))
-    frozen, unaligned = vectors.copy(), np.frombuffer(b"." + vectors.tobytes(), np.uint8)[1:].view(float)
-    frozen.flags.writeable = False
-    kinds = set()
-    for origins in (vectors, frozen, vectors[::2].repeat(2, axis=0), vectors[:, ::-1], unaligned.reshape(60, 3),
-                    vectors[0], np.broadcast_to(vectors[0], (60, 3)), np.asfortranarray(vectors)):  # fmt: skip
-        batch, _ = read_rays(origins, vectors.reshape(60, 3), 0.0, np.ones(60))
-        for array in (*batch.part(2, 50), read_points(origins).part(2, 50, np.dtype(float))[:1]):
-            flags = array.flags
-            kinds.add((array.ndim, array.dtype.str, flags.c_contiguous, flags.aligned, flags.writeable))
-    assert kinds == {(2, "<f8", True, True, False), (1, "<f8", True, True, False)}
 
 
 def spoilt(shape, *places, value=np.nan):

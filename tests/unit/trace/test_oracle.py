@@ -5,56 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 
 from clbvh import Mesh, Spheres
-from clbvh.structs import NO_PRIM
 from clbvh.trace.check.intersections import Rays
 from clbvh.trace.check.reference import Reference
-from clbvh.trace.hits.hits import Hits
 
 from ...all_hits_reference import find_wrong_crossings
-from ...mesh_reference import find_differences
-from ...rays import mesh_as_on_device
 from .scene_states import affine, make_state
 
 NAN, INF = np.nan, np.inf
 NOT_HERE = "the ray does not cross this primitive at this t"
 TWIN = "an equal primitive in the same place has smaller ids"
-
-
-def judge(mesh, origin, direction, *hit):
-    """What the oracle has against a hit (t, u, v, face) of a mesh, or against a miss."""
-    fields = hit or (INF, 0, 0, NO_PRIM)
-    hits = Hits(*(np.array([field], np.float32) for field in fields[:3]), np.array(fields[3:], np.int32))
-    return find_differences(mesh, np.array([origin], float), np.array([direction], float), hits)
-
-
-def test_hits_of_a_triangle_are_judged():
-    """Of a right triangle at z = 0, the same one at z = -1, and one that is a line."""
-    right = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
-    mesh = mesh_as_on_device(np.concatenate((right, right - [0, 0, 1], right[1:2] * [[2], [3], [4]])),
-                             np.arange(9).reshape(3, 3))  # fmt: skip
-    down, up, origin = [0, 0, -1], [0, 0, 1], [0.25, 0.5, 2]
-    passing = [
-        (origin, down, 2, 0.25, 0.5, 0), ([0.25, 0.5, -3], up, 2, 0.25, 0.5, 1), (origin, up), ([0.75, 0.5, 2], down),
-        (origin, [0, 0, -1e12], 2e-12, 0.25, 0.5, 0), ([3, 0, 2], down),  # the line
-        # On an edge, in the plane, and from the surface, more than one answer is right.
-        *(([x, y, 2], down, *hit) for x, y in ((0, 0), (1, 0), (0, 0.5), (0.5, 0.5))
-          for hit in ((), (2, x, y, 0), (3, x, y, 1))),
-        ([-1, 0.25, 0], [1, 0, 0]), ([-1, 0.25, 0], [1, 0, 0], 1.5, 0.5, 0.25, 0),
-        ([0.25, 0.5, 0], down, 0, 0.25, 0.5, 0), ([0.25, 0.5, 0], down, 1, 0.25, 0.5, 1),
-    ]  # fmt: skip
-    for row in passing:
-        assert judge(mesh, *row) == [], row
-    failing = [
-        ([0.25, 0.5, -3], up, 3, 0.25, 0.5, 0), (origin, [0, 0, -1e12], 2.0001e-12, 0.25, 0.5, 0),
-        ([0, 0.5, 2], down, 2, -1e-7, 0.5, 0), ([0.5, 0.5, 2], down, 2, 0.5, 0.500002, 0),
-        ([0.5, 1e-5, 2], down), ([0.5, -1e-5, 2], down, 2, 0.5, 0, 0), ([-1, 1.5, 0], [1, 0, 0], 1, 0, 1, 0),
-        ([3, 0, 2], down, 2, 1, 0, 2),
-        *(([5, 5, 2], down, *hit) for hit in ((2, 0, 1, 0), (NAN, 0, 0, 0), (5, 0, 0, NO_PRIM))),
-        *((origin, down, 2, 0.25, 0.5, prim) for prim in (1, 2, 3, 2**31 - 1, -2)),
-        *((origin, down, *hit) for hit in ((-2, 0.25, 0.5, 0), (INF, 0.25, 0.5, 0), (2, 0.5, 0.25, 0))),
-    ]  # fmt: skip
-    for row in failing:
-        assert len(judge(mesh, *row)) == 1, row
 
 
 def hit(t, instance, geometry, prim, u, v):

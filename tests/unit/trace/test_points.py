@@ -72,32 +72,6 @@ def test_only_what_is_seen_counts(open_tracer, world):
         known.check_insides(tracer.contains(points, **options), tracer.signed_distance(points, **options), seen)
 
 
-def test_ties_go_to_the_smallest_instance_and_face(session):
-    """Over every vertex and edge of a flat grid, whose faces come in a random order with random first corners."""
-    generator, side = np.random.default_rng(92), np.arange(9)
-    vertices = np.stack(np.meshgrid(side, side, [0], indexing="ij"), axis=-1).reshape(-1, 3).astype(np.float64)
-    first = (side[:-1, None] * 9 + side[:-1]).reshape(-1)
-    faces = np.concatenate(
-        (np.stack((first, first + 9, first + 1), 1), np.stack((first + 1, first + 9, first + 10), 1))
-    )
-    turns = generator.integers(0, 3, len(faces))
-    faces = np.stack([np.roll(face, turn) for face, turn in zip(generator.permutation(faces), turns, strict=True)])
-    halves = (vertices[faces] + vertices[np.roll(faces, 1, axis=1)]).reshape(-1, 3) / 2
-    at_vertices = [np.flatnonzero((faces == vertex).any(axis=1)).min() for vertex in range(len(vertices))]
-    edges = np.sort(np.stack((faces, np.roll(faces, 1, axis=1)), axis=-1).reshape(-1, 2), axis=1)
-    at_edges = [np.flatnonzero((edges == edge).all(axis=1)).min() // 3 for edge in edges]
-
-    mesh = Mesh.from_arrays(vertices, faces)
-    copies = scene_of(make_state([mesh], (0, affine(offset=(0, 0, 99))), *[(0, affine())] * 9))
-    for source, instance in ((mesh, 0), (copies, 1)):
-        with Tracer(source, device=session.info) as tracer:
-            above = tracer.closest_point(vertices + np.array([0, 0, 1.7]))
-            below = tracer.closest_point(halves - [0, 0, 0.3])
-        np.testing.assert_array_equal(above.prim_id, at_vertices)
-        np.testing.assert_array_equal(below.prim_id, at_edges)
-        assert (above.instance_id == instance).all()
-
-
 @pytest.mark.parametrize("far", [1e3, 1e7, 1e39, 1e300])
 def test_what_is_nearest_to_a_far_point_reaches_furthest_towards_it(open_tracer, source, far):
     """As far as docs/tracing.md promises: to 2^-9 of half the size."""

@@ -86,17 +86,6 @@ class TestHits:
             assert other.geometry_id.tobytes() == hits.geometry_id.tobytes()
             assert other.offset_origins().tobytes() == hits.offset_origins().tobytes()
 
-    def test_misses_of_an_empty_scene_and_hits_that_know_no_surface(self):
-        misses = np.full(2, -1, np.int32)
-        hits = Hits(np.full(2, np.inf), *np.zeros((2, 2)), misses, surface=place([], [], []), known_instance_id=misses)
-        assert hits.geometry_id.tolist() == [-1, -1]
-        assert np.isnan(hits.locations).all()
-        assert np.isnan(hits.normals).all()
-        hits = Hits(*np.zeros((3, 1)), np.zeros(1, np.int32))
-        assert hits.instance_id.tolist() == [0]
-        with pytest.raises(ConfigError, match="do not know their mesh"):
-            _ = hits.normals
-
 
 class TestPlacedHits:
     ENTRY = st.floats(-100, 100, allow_subnormal=False)

@@ -93,15 +93,6 @@ def test_spheres_are_refitted_until_their_tree_is_worn(generator, transforms, sp
         assert_same(tracer, make_scene(torn, BALL, mixed, transforms), rays)
 
 
-def test_results_of_before_keep_their_locations(transforms, spheres, rays):
-    scene = make_scene(KNOT, BALL, spheres, transforms)
-    with clbvh.Tracer(scene) as tracer:
-        hits = tracer.closest_hit(*rays)
-        before = hits.locations
-        tracer.set_transforms(range(4), np.tile(np.eye(4), (4, 1, 1)))
-        np.testing.assert_array_equal(hits.locations, before)
-
-
 def test_buffers_of_older_scenes_are_given_back(transforms, spheres):
     scene = make_scene(KNOT, BALL, spheres, transforms)
     with clbvh.Tracer(scene) as tracer:

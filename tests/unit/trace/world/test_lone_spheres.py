@@ -32,11 +32,6 @@ def is_alone(tracer):
     return tracer._caster.world.is_lone
 
 
-def rays_down(spheres):
-    """One to each centre, along the z axis."""
-    return spheres.centres + np.array([0.0, 0.0, 5.0]), np.array([0.0, 0.0, -1.0])
-
-
 def picture():
     towards = np.stack(np.meshgrid(*[np.linspace(-0.6, 0.6, SIDE)] * 2, [-1.0]), axis=-1).reshape(SIDE, SIDE, 3)
     return np.array([0.1, 0.2, 2.5]), towards
@@ -82,25 +77,14 @@ def test_rays_find_what_they_find_through_instances(layout, generator, spheres):
 
 
 def test_only_lone_spheres_in_their_place_are_cast_at_alone(spheres):
-    mesh = clbvh.make_shape("icosphere", triangles=80)
-    scenes = {
-        "alone": (scene_of(spheres), True),
-        "masked": (scene_of(spheres, mask=1), False),
-        "moved": (scene_of(spheres, transform=clbvh.Transform(translate=(0, 0, 1)).matrix), False),
-        "twice": (scene_of(spheres, spheres), False),
-        "with a mesh": (scene_of(spheres, mesh), False),
-    }
+    moved = scene_of(spheres, transform=clbvh.Transform(translate=(0, 0, 1)).matrix)
     # Spheres behind others that nothing places are not the first in the buffers.
     behind = clbvh.Scene()
     behind.add(clbvh.Spheres([[0, 0, 0]], 9))
     behind.place(behind.add(spheres))
-    scenes["behind others"] = behind, False
-    rays = rays_down(spheres)
-    expected = None
-    for name, (scene, alone) in scenes.items():
+    rays, found = (spheres.centres + np.array([0, 0, 5.0]), [0, 0, -1]), []
+    for scene in (scene_of(spheres), scene_of(spheres, mask=1), moved, scene_of(spheres, spheres), behind):
         with clbvh.Tracer(scene) as tracer:
-            assert is_alone(tracer) == alone, name
-            prims = tracer.closest_prim(*rays)
-            expected = prims if expected is None else expected
-            if name != "with a mesh":
-                np.testing.assert_array_equal(prims, expected, name)
+            found.append((is_alone(tracer), tracer.closest_prim(*rays).tolist()))
+    assert [alone for alone, _ in found] == [True, False, False, False, False]
+    assert all(prims == found[0][1] for _, prims in found)
