@@ -1,4 +1,4 @@
-"""Surfaces of triangles, instances and spheres where rays meet them, in float64, and rays that leave them; colours."""
+"""Surfaces of triangles, instances and spheres where rays meet them, in float64, and rays that leave them."""
 
 import numpy as np
 import pytest
@@ -228,19 +228,3 @@ def test_the_surface_of_a_sphere(call, size):
     height = np.where(is_outside, 1, -1) * height_of(above)
     assert (height > 0).all()
     assert (height <= 4 * 2 * 16 * ROUNDING * (np.abs(centres).max(axis=1) + radii)).all()
-
-
-# Bound on the error of an encoded colour: far below a step of 8 bits, which is 4e-3.
-SRGB_ERROR = 1e-6
-
-
-def encode_srgb(linear):
-    """The transfer function of IEC 61966-2-1."""
-    limited = np.clip(linear, 0.0031308, 1.0)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * limited ** (1 / 2.4) - 0.055)
-
-
-def test_srgb_is_that_of_the_standard(call):
-    linear = np.concatenate((np.linspace(0, 1.5, 30_000), np.geomspace(1e-6, 1000, 30_000))).astype(np.float32)
-    encoded = call("shading/shade.cl", "encoded = encode_srgb(linear);", "float3 encoded", linear=linear.reshape(-1, 3))
-    np.testing.assert_allclose(encoded.ravel(), encode_srgb(linear.astype(np.float64)), rtol=0, atol=SRGB_ERROR)
