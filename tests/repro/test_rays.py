@@ -12,7 +12,6 @@ from clbvh.structs import LAYOUT_WIDTHS
 
 from ..kernel.casting import open_caster
 from ..mesh_reference import find_differences
-from ..profiles import seeds
 from ..rays import AXES, aim, as_float32, centred
 
 # Corners, an origin relative to the middle of the box, a direction, and the triangle hit.
@@ -88,10 +87,9 @@ def test_a_ray_that_crosses_a_sliver_at_a_small_angle_was_moved_to_its_far_edge(
 
 
 @pytest.mark.parametrize("from_plane", [True, False], ids=["in-plane", "to-plane"])
-@pytest.mark.parametrize("seed", seeds(1))
-def test_a_ray_in_the_plane_of_a_thin_triangle_hit_it_from_any_distance(session, seed, from_plane):
+def test_a_ray_in_the_plane_of_a_thin_triangle_hit_it_from_any_distance(session, from_plane):
     """The areas that decide are differences of nearly equal products; in float32 one of them came out as zero."""
-    generator, count = np.random.default_rng([13, seed]), 300
+    generator, count = np.random.default_rng([13, 0]), 300
     a, step = generator.uniform(-1, 1, (2, count, 3))
     width = 10 ** generator.uniform(-8, -1, (count, 1))
     c = a + generator.uniform(-1, 2, (count, 1)) * step + width * generator.normal(size=(count, 3))

@@ -71,11 +71,6 @@ def assert_linked(tree):
     assert sorted(tree.links[order[children == 0], EXPANDED_PRIM_ID].tolist()) == list(range(len(tree.parents)))
 
 
-def test_leaves_are_split_into_single_triangles():
-    for count in (1, 2, 3, 40, 700):
-        assert_linked(expand(build(make_soup(count, seed=1), leaf_size=100, traversal_cost=100)))
-
-
 def test_a_sweep_finds_the_cheapest_split_and_the_most_even_of_equal_ones():
     for mesh in (*(make_soup(count, seed=5, grid=40) for count in (2, 3, 9, 255)), copies(64)):
         rows, count = make_prim_refs(mesh)[0][0], mesh.face_count

@@ -100,10 +100,9 @@ def test_the_trees_that_have_not_been_used_for_the_longest_time_go_first(tmp_pat
     assert set(tmp_path.iterdir()) == {paths[0], paths[3], new, tmp_path / "not-a-tree"}
     monkeypatch.setenv(LIMIT_VARIABLE, "0")
     assert f"set {LIMIT_VARIABLE} to more" in keep_tree(tmp_path / "one.tree", tree)
-    for limit in ("many", "-1", "1e3", "9" * 5000):
+    for limit in ("-1", "1e3", "9" * 5000):
         monkeypatch.setenv(LIMIT_VARIABLE, limit)
         assert keep_tree(new, tree).startswith(f"{LIMIT_VARIABLE} must be a whole number of MiB")
-        assert new.exists()
 
 
 def test_options_are_checked(tmp_path, mesh):

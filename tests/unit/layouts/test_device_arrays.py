@@ -116,7 +116,6 @@ def make_trees():
     for count in (1, 2, 3, 5, 9, 17, 100, 2000):
         mesh = make_soup(count, count, grid=30, size=4, copies=0.2, degenerate=0.2, scale=-0.5)
         generator = np.random.default_rng(count)
-        # Some of them touch the planes through zero.
         spheres = Spheres(generator.integers(-8, 9, (count, 3)) / 8, generator.choice([1e-30, 0.125, 0.5], count))
         for leaf_size in (1, 4, 30):
             yield build(mesh, leaf_size=leaf_size, traversal_cost=1e3 if leaf_size == 30 else 1)

@@ -81,15 +81,10 @@ def test_a_case_that_fails_does_not_stop_the_others(tmp_path):
 
 
 def test_statistics_find_the_numbers_they_were_made_with():
-    summary = Summary.of([4.0, 1.0, 3.0])
-    assert (summary.median, summary.low, summary.high, summary.count, summary.spread) == (3, 1, 4, 3, 1)
-    rate = Summary.of([2.0, 4.0, 5.0]).rate(20)
+    rate = Summary.of([2.0, 5.0, 4.0]).rate(20)
     assert (rate.median, rate.low, rate.high) == (5, 4, 10)
     assert [Summary.of([1.0, 1.0, 1 + factor * NOISY_SPREAD]).is_noisy for factor in (0.9, 1.1)] == [False, True]
-    for serial in (0.0, 0.1, 1.0):
-        times = {workers: 50 * (serial + (1 - serial) / workers) for workers in (1, 2, 8)}
-        assert fit_amdahl(times) == pytest.approx(serial)
-    assert math.isnan(fit_amdahl({2: 3.0, 4: 2.0}))
+    assert fit_amdahl({workers: 50 * (0.1 + 0.9 / workers) for workers in (1, 2, 8)}) == pytest.approx(0.1)
     assert growth_exponent([10, 100, 1000], [7, 700, 70000]) == pytest.approx(2)
 
 
