@@ -1,4 +1,4 @@
-"""`clbvh study`: the list, a tiny study, what it needs, and Ctrl-C."""
+"""`clbvh study`: a tiny study on one page, and Ctrl-C."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the command refuses, in one line; and how words are read."""
+"""What the command refuses, in one line; and its help."""
 
 from __future__ import annotations
 
