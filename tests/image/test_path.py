@@ -264,7 +264,6 @@ def test_the_weekend_looks_as_it_did(compare_with_reference):
 
 
 PIXELS = np.arange(24.0).reshape(2, 4, 3)
-MIRROR = Material(base_colour=(1, 1, 1), metallic=1.0, roughness=0.0)
 FROM_ABOVE = {"eye": (0, 5, 0.01), "look_at": (0, 0, 0), "fov": 20}
 
 
@@ -312,9 +311,9 @@ def test_the_middle_is_along_x_and_turns_counter_clockwise_from_above():
         np.testing.assert_allclose(find_axes(np.array(up, float), degrees), [front, right], atol=1e-15)
 
 
-def film_of(material=None, source=None, **settings):
+def film_of(source=None, **settings):
     """The film of a ball, or of something else, in an environment."""
-    ball = Spheres([[0, 0, 0]], 1.0, materials=[material or matte()], material_ids=[0])
+    ball = Spheres([[0, 0, 0]], 1.0, materials=[matte()], material_ids=[0])
     view = View(shading="path", samples=64, up="y", width=48, height=32)
     with clbvh.Renderer(ball if source is None else source, view, **settings) as renderer:
         return renderer.render(keeps_film=True).film[..., :3].astype(np.float64)
@@ -345,23 +344,13 @@ def test_a_bright_pixel_and_a_light_beside_the_map_light_a_plane_by_formula():
         np.testing.assert_allclose(film.mean(axis=(0, 1)), expected, rtol=0.01)
 
 
-def quadrants():
-    """A map whose four quarters, from left to right, are black, red, green and blue, with a white top."""
-    pixels = np.zeros((64, 128, 3))
-    for quarter in range(1, 4):
-        pixels[:, 32 * quarter : 32 * (quarter + 1), quarter - 1] = 1
+def test_a_panorama_camera_sees_the_map():
+    # Its four quarters, from left to right, are black, red, green and blue, with a white top.
+    pixels = np.repeat([[[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]], 64, axis=0).repeat(32, axis=1)
     pixels[:8] = 1
-    return pixels
-
-
-def test_a_panorama_camera_sees_the_map_and_a_mirror_what_is_behind_the_camera():
     # It looks along +x, where the middle of the map is: the picture is the map, upright and not mirrored.
     camera = clbvh.Camera((0, 50, 0), (1, 50, 0), (0, 1, 0), projection=clbvh.Panorama())
-    film = film_of(environment=quadrants(), samples=4, width=128, height=64, camera=camera)
+    film = film_of(environment=pixels, samples=4, width=128, height=64, camera=camera)
     columns = [10, 20, 40, 50, 75, 85, 105, 120]
-    np.testing.assert_allclose(film[10:50, columns], quadrants()[10:50, columns], atol=1e-4)
+    np.testing.assert_allclose(film[10:50, columns], pixels[10:50, columns], atol=1e-4)
     np.testing.assert_allclose(film[:6], 1, atol=1e-4)
-    # Seen along -x from +x: the middle of the ball reflects +x, the boundary of red and green. To the picture's right
-    # is -z, which is left of the middle in the map: red.
-    film = film_of(MIRROR, environment=quadrants(), eye=(9, 0, 0), look_at=(0, 0, 0), fov=15, samples=16)
-    assert film[16, [28, 20]].argmax(axis=1).tolist() == [0, 1]

@@ -96,21 +96,20 @@ def test_threads_share_a_renderer(renderer):
 
 
 def test_closing_waits_for_pictures_of_other_threads():
-    opened = Renderer(KNOT, VIEW)
-    begun, errors = threading.Event(), []
+    opened, begun = Renderer(KNOT, VIEW), threading.Event()
+
+    def draw_on():
+        while True:
+            opened.render(width=200, height=150)
+            begun.set()
 
     def draw():
-        try:
-            while True:
-                opened.render(width=200, height=150)
-                begun.set()
-        except QueryError as error:
-            errors.append(error)
+        with pytest.raises(QueryError, match="closed"):
+            draw_on()
 
     def close():
         assert begun.wait(60)
         opened.close()
 
     run_in_threads(draw, draw, close)
-    assert len(errors) == 2
     assert opened._session._buffers == set()
