@@ -22,15 +22,8 @@ class Gltf:
 
     def __init__(self) -> None:
         self.buffer = b""
-        self.document: dict[str, Any] = {
-            "asset": {"version": "2.0"},
-            "scene": 0,
-            "scenes": [{"nodes": []}],
-            "nodes": [],
-            "meshes": [],
-            "accessors": [],
-            "bufferViews": [],
-        }
+        self.document: dict[str, Any] = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": []}]}
+        self.document |= {name: [] for name in ("nodes", "meshes", "accessors", "bufferViews")}
 
     def add_view(self, content: bytes, **keys: Any) -> int:
         """Append bytes to the buffer; return the index of their buffer view."""

@@ -19,6 +19,7 @@ from .test_stl_off import facet
 PLY = make_ply([[0, 1, 2]])
 FLOATS = make_ply([[0, 1, 3]], types=("float", "float", "float"))
 BINARY = make_ply(kind="binary_little_endian")
+PLYS = {"ply text": make_ply(extra=True).rstrip(b"\n"), "ply binary": make_ply(kind="binary_big_endian", extra=True)}
 CORNERS = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
 SOLID = f"solid\n{facet(CORNERS)}endsolid\n"
 
@@ -115,13 +116,16 @@ def test_bad_files_are_refused_in_one_sentence(tmp_path):
             load_mesh(path)
 
 
-@pytest.mark.parametrize("kind", ["stl", "stl_ascii", "off", "glb"])
+@pytest.mark.parametrize("kind", ["ply text", "ply binary", "stl", "stl_ascii", "off", "glb"])
 def test_a_file_that_is_cut_off_is_refused(tmp_path, kind):
-    sphere = make_shape("icosphere", triangles=20)
-    content = trimesh.Trimesh(sphere.vertices, sphere.faces, process=False).export(file_type=kind)
-    content = (content if isinstance(content, bytes) else content.encode()).rstrip(b"\n")
+    if kind in PLYS:
+        content = PLYS[kind]
+    else:
+        sphere = make_shape("icosphere", triangles=20)
+        content = trimesh.Trimesh(sphere.vertices, sphere.faces, process=False).export(file_type=kind)
+        content = (content if isinstance(content, bytes) else content.encode()).rstrip(b"\n")
     # The last number of an OFF file may be cut unnoticed, if what is left of it is a number too.
-    for end in range(0, len(content) - 1, 23):
+    for end in range(0, len(content) - 1, 3 if kind in PLYS else 23):
         (tmp_path / f"a.{kind[:3]}").write_bytes(content[:end])
         with pytest.raises(MeshError):
             load_mesh(tmp_path / f"a.{kind[:3]}")

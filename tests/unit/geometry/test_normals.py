@@ -95,12 +95,6 @@ def test_faces_without_area_take_normals_and_change_none():
     assert np.isnan(mesh.with_vertices(mesh.vertices * [0, 1, 0]).vertex_normals).all()
 
 
-def test_a_wrong_angle_is_refused():
-    for angle in (-1, 181, np.nan, "wide", None, True):
-        with pytest.raises(clbvh.ConfigError, match="crease angle must be 0 to 180"):
-            clbvh.smooth_normals_by_angle(CUBE, angle)
-
-
 def find(points, uvs, normals=UP, faces=FACES):
     return find_tangents(Mesh.from_arrays(points, faces), normals, np.asarray(uvs, np.float32))
 
@@ -121,23 +115,6 @@ def test_a_mirrored_half_has_tangents_of_its_own():
     tangents = find(POINTS, np.stack((np.abs(POINTS[:, 0] - 1), POINTS[:, 1]), axis=-1)[FACES])
     np.testing.assert_allclose(tangents[:2], np.broadcast_to((-1, 0, 0, -1), (2, 3, 4)), atol=1e-6)
     np.testing.assert_allclose(tangents[2:], np.broadcast_to((1, 0, 0, 1), (2, 3, 4)), atol=1e-6)
-
-
-def test_a_corner_has_the_mean_of_tangents_by_angles():
-    # Faces around a point, each with a direction of u of its own; at the point they share the coordinates.
-    generator = np.random.default_rng(0)
-    angles = np.array([0.0, 0.7, 1.1, 2.9, 4.0, 6.0])
-    ring = np.stack((np.cos(angles), np.sin(angles), 0 * angles), axis=-1) * generator.uniform(1, 3, (6, 1))
-    points = np.concatenate((np.zeros((1, 3)), ring))
-    faces = np.array([(0, 1 + face, 1 + (face + 1) % 6) for face in range(6)])
-    turns = generator.uniform(-0.8, 0.8, 6)
-    along_u = np.stack((np.cos(turns), np.sin(turns), 0 * turns), axis=-1)
-    axes = np.stack((along_u, np.cross((0, 0, 1), along_u)), axis=-1)
-    tangents = find(points, points[faces] @ axes, np.tile(UP[:1], (6, 1, 1)), faces)
-    expected = np.diff(np.append(angles, 2 * np.pi)) @ along_u
-    np.testing.assert_allclose(tangents[:, 0, :3], [expected / np.linalg.norm(expected)] * 6, atol=1e-6)
-    # The other corners have coordinates of their own.
-    np.testing.assert_allclose(tangents[:, 1, :3], along_u, atol=1e-6)
 
 
 def test_tangents_are_unit_vectors_at_right_angles_to_normals_even_without_a_direction():

