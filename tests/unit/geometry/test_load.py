@@ -131,17 +131,6 @@ def test_a_file_that_is_cut_off_is_refused(tmp_path, kind):
             load_mesh(tmp_path / f"a.{kind[:3]}")
 
 
-@pytest.mark.parametrize(
-    ("name", "vertices", "faces"), [("bun_zipper", 35_947, 69_451), ("drill_shaft_zip", 881, 1288)]
-)
-def test_real_meshes(real_mesh_path, name, vertices, faces):
-    path = real_mesh_path(f"{name}.ply")
-    mesh, expected = load_mesh(path), trimesh.load_mesh(path, process=False)
-    assert (len(mesh.vertices), mesh.face_count) == (vertices, faces)
-    assert (mesh.faces == expected.faces).all()
-    assert abs(mesh.vertices - expected.vertices).max() < 1e-7
-
-
 def test_known_meshes_are_found_in_the_folder_by_their_best_name_then_in_the_cache(tmp_path, monkeypatch):
     meshes, cache = tmp_path / "meshes", tmp_path / "cache"
     for folder, variable in ((meshes, "CLBVH_MESHES"), (cache, "CLBVH_CACHE")):

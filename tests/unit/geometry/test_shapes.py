@@ -96,17 +96,6 @@ def test_sets_of_spheres_are_sound_and_repeatable(name):
     assert first.fingerprint != other.fingerprint
 
 
-def test_a_galaxy_is_flat_and_has_arms():
-    for arms in (2, 3):
-        centres = make_spheres("galaxy", count=50_000, seed=1, arms=arms).centres
-        assert np.median(np.abs(centres[:, 1])) < 0.15 * np.median(np.abs(centres[:, 0]))
-        distance = np.hypot(centres[:, 0], centres[:, 2])
-        # A ring of the disk, cut into sectors: an angular wave with one crest per arm stands out.
-        angles = np.arctan2(centres[:, 2], centres[:, 0])[(distance > 5.8) & (distance < 6.2)]
-        waves = [abs(np.exp(1j * number * angles).mean()) for number in range(1, 6)]
-        assert int(np.argmax(waves)) + 1 == arms
-
-
 @pytest.mark.parametrize("count", [4, 5, 40, 480, 2500])
 def test_spheres_of_the_weekend_touch_nothing_but_the_ground_and_have_materials(count):
     made = make_spheres("weekend", count=count, seed=1)

@@ -87,9 +87,3 @@ def test_all_that_stands_behind_coordinates_is_read(load):
     for colour, expected in (("1 0 1", [1, 0, 1, 255]), ("1.0 0.0 0.2", [255, 0, 51, 255])):
         vertices = "\n".join(f"{one} {colour}" for one in VERTICES)
         assert load(f"COFF\n4 2 0\n{vertices}\n{FACES}").appearance.colours.tolist() == [[expected] * 3] * 3
-
-
-def test_colours_of_faces_follow_the_cut(load):
-    text = "OFF\n4 2 0\n" + "\n".join(VERTICES) + "\n4 0 1 2 3 255 0 7\n3 2 1 0 1 2 3\n"
-    assert load(text).appearance.colours[:, 0].tolist() == [[255, 0, 7, 255], [255, 0, 7, 255], [1, 2, 3, 255]]
-    assert load(text.replace(" 255 0 7", " 9").replace(" 1 2 3\n", " 9\n")).appearance is None  # an index

@@ -184,12 +184,7 @@ def test_other_files_and_paths_are_refused(path, tmp_path):
         path.write_bytes(other)
         assert "not a saved scene" in refused(path)
     assert "no such file" in refused(tmp_path / "gone.scene")
-    for target, message in (
-        (5, "not the path of a file"),
-        ("a\0b", "not the path of a file"),
-        (tmp_path / "gone" / "a.scene", "does not exist"),
-        (tmp_path, "this is a folder"),
-    ):
+    for target, message in ((5, "not the path"), (tmp_path / "gone" / "a", "does not exist"), (tmp_path, "a folder")):
         with pytest.raises(ConfigError, match=message):
             make_scene().save(target)
         with pytest.raises(SceneError):

