@@ -28,6 +28,7 @@ def make_soup(generator, low=0, high=0):
 
 SHAPES = {
     "soup": make_soup,
+    "slivers": lambda generator: make_soup(generator, -8, -3),
     "needles": lambda generator: make_soup(generator, -20, -8),
     "knot": lambda generator: make_shape("knot", triangles=2000),
     "spheres": lambda generator: Spheres(generator.normal(size=(200, 3)), 10 ** generator.uniform(-3, -0.5, 200)),
@@ -37,6 +38,7 @@ MAPS = {
     "rotation": turn,
     "mirror": lambda generator: turn(generator) @ np.diag([1, 1, -1]) @ turn(generator),
     "stretch": lambda generator: turn(generator) @ np.diag(10 ** generator.uniform(-2, 2, 3)) @ turn(generator),
+    "flattened": lambda generator: turn(generator) @ np.diag([1, 1, 10 ** generator.uniform(-12, -4)]),
     "needle": lambda generator: turn(generator) @ np.diag([1e-5, 1e-8, 1]),
     "shear": lambda generator: turn(generator) @ [[1, 100, 0], [0, 1, 0], [0, 0, 1]] @ turn(generator),
 }
