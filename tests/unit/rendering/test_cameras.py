@@ -262,9 +262,8 @@ def test_matrices_poses_and_sizes_of_no_camera_are_refused():
         (2 * eye, "last row"), (np.diag([1e200, 1, 1, 1]), rigid), (changed(0, 1, 0.5, eye), rigid),
         (np.diag([1, 1, 1.01, 1]), rigid), (np.diag([1.0, 1, -1, 1]), "mirrors"), (changed(0, 3, 1e308, eye), "finite"),
     ]  # fmt: skip
-    rows = [((k, TURNED, SIZE), words) for k, words in matrices] + [
-        ((MATRIX, pose, SIZE), words) for pose, words in poses
-    ]
+    rows = [((matrix, TURNED, SIZE), words) for matrix, words in matrices]
+    rows += [((MATRIX, pose, SIZE), words) for pose, words in poses]
     rows += [((MATRIX, TURNED, size), "camera's") for size in ((0, 48), (64.0, 48), 64)]
     for arguments, words in [*rows, ((MATRIX, TURNED, SIZE, "blender"), "must be one of")]:
         with pytest.raises(SceneError, match=words):
