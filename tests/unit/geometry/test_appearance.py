@@ -44,8 +44,6 @@ def test_values_are_normalised_and_of_the_documented_dtypes():
         normals = np.array([[[3, 0, 4], [0, -1, 0], [1, 1, 1]]]) * length
         expected = [[[0.6, 0, 0.8], [0, -1, 0], [3**-0.5] * 3]]
         np.testing.assert_allclose(make_looks(normals=normals).normals, expected, atol=1e-7)
-    four = make_looks(normals=None, uvs=None, colours=np.zeros((4, 3, 4), np.uint8), material_ids=[0, 1, 1, 0])
-    assert four.select(np.array([3, 1])).material_ids.tolist() == [0, 1]
 
 
 def test_shapes_keep_their_looks():

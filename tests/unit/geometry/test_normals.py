@@ -79,8 +79,6 @@ def test_any_unit_gives_the_same_normals(unit):
     np.testing.assert_allclose(scaled.vertex_normals, KNOT.vertex_normals, atol=1e-12)
     corners = np.array([[[0, 0, 0], [2, 0, 0], [0, 3, 0]], [[1, 1, 1]] * 3, [[0, 0, 0], [0, 0, 1e-9], [0, 1, 0]]])
     np.testing.assert_allclose(find_flat_normals(corners * unit), [[0, 0, 1], [0, 0, 1], [-1, 0, 0]], atol=1e-7)
-    exact = Mesh.from_arrays(KNOT.vertices * 2.0**-400, KNOT.faces)
-    assert exact.vertex_normals.tobytes() == KNOT.vertex_normals.tobytes()
 
 
 def test_faces_without_area_take_normals_and_change_none():

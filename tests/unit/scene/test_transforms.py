@@ -53,6 +53,7 @@ def test_an_invertible_matrix_is_taken_as_it_is():
         np.diag([5e-324, 5e-324, 5e-324, 1]),
         np.diag([1e150, 1e150, 1e150, 1]),
         linear(TURN @ np.diag([1, 1e-9, 1e-30])),
+        linear(np.diag([1, 1, 1e-30]) @ TURN),
         linear(TURN @ np.diag([1, 1, 1e-9]) @ TURN.T),
         np.array([[0, -2, 0, 1e7], [2, 0, 0, -1e300], [0, 0, 2, 0], [0, 0, 0, 1]]),
     ):
