@@ -96,8 +96,8 @@ def host_casts_few(_most_host_rays: int, monkeypatch: pytest.MonkeyPatch) -> Non
 
 @pytest.fixture(scope="session")
 def _opened_device() -> Iterator[DeviceSession]:
+    from clbvh import DeviceError
     from clbvh.device.session import DeviceSession
-    from clbvh.errors import DeviceError
 
     try:
         session = DeviceSession()

@@ -5,7 +5,7 @@ All coordinates fit float32, so that the oracle judges the very rays that the de
 
 import numpy as np
 
-from clbvh.geometry import Mesh
+from clbvh import Mesh
 
 # The directions of the six half-axes, with zeros of both signs.
 AXES = np.array(

@@ -187,9 +187,10 @@ class TestTune:
     def test_the_next_command_uses_the_kept_settings(self, measured, session, tmp_path, monkeypatch):
         monkeypatch.setattr(tune_module, "tune", lambda device: measured)
         words, cache = ("tune", "--device", session.info.number), {"CLBVH_CACHE": str(tmp_path)}
-        text = run_clbvh(*words, **cache).stdout
-        for word in (*LAYOUT_WIDTHS, "taken", "work-group size", "tile", "8 x 8", str(tmp_path)):
+        text = " ".join(run_clbvh(*words, **cache).stdout.split())
+        for word in (*LAYOUT_WIDTHS, "taken", "work-group size", "tile", "8 x 8"):
             assert word in text
+        assert str(tmp_path) in text.replace(" ", "")
         facts = json.loads(run_clbvh(*words, "--json", **cache).stdout)
         assert facts["settings"]["layout"] == measured[1].layout
         assert [trial["choice"] for trial in facts["trials"]] == [trial.choice for trial in measured[2]]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.errors import MeshError, QueryError, SceneError
+from clbvh import MeshError, QueryError, SceneError
 from clbvh.trace.rays import pieces
 
 from ..profiles import is_long

@@ -10,9 +10,8 @@ import time
 import numpy as np
 import pytest
 
-from clbvh import SubtreePool, Tracer, build
+from clbvh import PoolError, QueryError, SubtreePool, Tracer, build
 from clbvh.builders.processes.pool import open_executor
-from clbvh.errors import PoolError, QueryError
 from clbvh.trace import running_calls
 from clbvh.trace.rays import pieces
 

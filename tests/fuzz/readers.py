@@ -20,10 +20,8 @@ from random import Random
 
 import numpy as np
 
-from clbvh import Bvh, build, load_mesh, validate_tree
+from clbvh import Bvh, ClbvhError, Mesh, Spheres, build, load_mesh, validate_tree
 from clbvh.bvh import serialize
-from clbvh.errors import ClbvhError
-from clbvh.geometry import Mesh, Spheres
 from clbvh.geometry.loading.spheres_file import read_spheres
 from clbvh.rendering.scene_file import parse_scene_file, read_scene_file
 

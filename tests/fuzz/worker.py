@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from random import Random
 
-from clbvh.errors import AppearanceWarning, DeviceError, MeshError
+from clbvh import AppearanceWarning, DeviceError, MeshError
 
 from .readers import READERS, Reader, accepts
 

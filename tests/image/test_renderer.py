@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh import Camera, Light, Renderer, Scene, SceneError
+from clbvh import Camera, Light, QueryError, Renderer, Scene, SceneError
 from clbvh.device import program
 from clbvh.device.session import DeviceSession
-from clbvh.errors import QueryError
 from clbvh.rendering import painters
 
 from ..concurrency.threads import run_in_threads

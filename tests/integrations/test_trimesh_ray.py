@@ -7,10 +7,9 @@ import pytest
 import trimesh
 
 import clbvh
+from clbvh import ConfigError, DeviceError, MeshError, QueryError, SceneError, Tracer
 from clbvh.device import program
-from clbvh.errors import ConfigError, DeviceError, MeshError, QueryError, SceneError
 from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, SceneRay, tracers
-from clbvh.trace.tracer import Tracer
 
 from ..concurrency.threads import run_in_threads
 

@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from clbvh import Scene
-from clbvh.errors import SceneError
+from clbvh import Scene, SceneError, Tracer
 from clbvh.integrations.trimesh import RayMeshIntersector, SceneRay, tracers
-from clbvh.trace.tracer import Tracer
 
 TO = trimesh.transformations.translation_matrix
 # Rays near an edge may hit either side of it: transformed vertices are rounded.

@@ -13,7 +13,7 @@ from typing import Any
 
 import trimesh
 
-from clbvh.errors import DeviceError
+from clbvh import DeviceError
 from clbvh.integrations.trimesh import RayMeshIntersector, install
 
 PATIENCE_S = 200.0

@@ -9,8 +9,7 @@ import trimesh
 from hypothesis import strategies as st
 
 import clbvh
-from clbvh import Mesh, Spheres, make_shape
-from clbvh.scene.state import SceneState
+from clbvh import Mesh, SceneState, Spheres, make_shape
 
 from ..unit.trace.scene_states import ALL, affine, make_state, scene_of, turn
 

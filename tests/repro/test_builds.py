@@ -11,11 +11,10 @@ import types
 import numpy as np
 import pytest
 
-from clbvh import Mesh, SubtreePool, Tracer, build, validate_tree
+from clbvh import Mesh, PoolError, SubtreePool, Tracer, build, validate_tree
 from clbvh.builders.processes import pool as pool_module
 from clbvh.builders.processes.pool import open_executor
 from clbvh.builders.sah.subtree import build_subtree
-from clbvh.errors import PoolError
 
 from ..soup import make_soup
 

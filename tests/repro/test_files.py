@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh import Bvh, load_mesh
-from clbvh.errors import ConfigError, MeshError, SceneError, TreeFileError
-from clbvh.rendering.open_scene import open_scene
+from clbvh import Bvh, ConfigError, MeshError, SceneError, TreeFileError, load_mesh, open_scene
 from clbvh.rendering.scene_file import read_scene_file
 
 VERTICES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"

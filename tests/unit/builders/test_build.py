@@ -10,11 +10,10 @@ import time
 import numpy as np
 import pytest
 
-from clbvh import BuildOptions, Mesh, SubtreePool, build, make_shape, sah_cost, validate_tree
+from clbvh import BuildOptions, ConfigError, Mesh, PoolError, SubtreePool, build, make_shape, sah_cost, validate_tree
 from clbvh.builders import build as build_module
 from clbvh.builders.build import BUILDERS, build_tree, leaf_limit
 from clbvh.builders.options import MAX_DEPTH, QUALITIES
-from clbvh.errors import ConfigError, PoolError
 
 from ...soup import make_soup
 from .shapes import SHAPES, copies, exponential, line, nested

@@ -11,13 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clbvh import SubtreePool, build
+from clbvh import ConfigError, PoolError, SubtreePool, build
 from clbvh.builders.executor import ThreadExecutor
 from clbvh.builders.processes import shared_memory
 from clbvh.builders.processes.pool import open_executor
 from clbvh.builders.processes.shared_memory import SharedArray
 from clbvh.builders.sah import build_sah as sah_module
-from clbvh.errors import ConfigError, PoolError
 from clbvh.support.host_threads import HostThreads
 
 from ...processes import list_session, start_script, wait_until

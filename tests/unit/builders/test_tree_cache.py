@@ -8,10 +8,9 @@ from unittest.mock import Mock
 
 import pytest
 
-from clbvh import BuildOptions, Bvh, Mesh, RenderOptions, build
+from clbvh import BuildOptions, Bvh, ConfigError, Mesh, RenderOptions, build
 from clbvh.builders.tree_cache import LIMIT_VARIABLE, cache_path, get_tree, keep_tree, take_tree
 from clbvh.builders.tree_options import TreeOptions
-from clbvh.errors import ConfigError
 
 MIB = 1 << 20
 

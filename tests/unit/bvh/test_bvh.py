@@ -9,9 +9,8 @@ import re
 import numpy as np
 import pytest
 
-from clbvh import Mesh, build, validate_tree
+from clbvh import Mesh, MeshError, ValidationError, build, validate_tree
 from clbvh.bvh.bvh import measure_depth
-from clbvh.errors import MeshError, ValidationError
 from clbvh.structs import NODE
 
 from ..hand_made import FACE_COUNT, make_leaf, make_tree

@@ -8,8 +8,7 @@ import struct
 import numpy as np
 import pytest
 
-from clbvh import Bvh, Mesh, build
-from clbvh.errors import ConfigError, TreeFileError
+from clbvh import Bvh, ConfigError, Mesh, TreeFileError, build
 
 from ...rays import mesh_as_on_device
 from ...soup import make_soup

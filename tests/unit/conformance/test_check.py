@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clbvh import build
+from clbvh import ConfigError, InternalError, ValidationError, build
 from clbvh.conformance import check, expected
 from clbvh.conformance.cases import make_cases
 from clbvh.conformance.check import (
@@ -20,7 +20,6 @@ from clbvh.conformance.check import (
     compare_answer,
 )
 from clbvh.conformance.expected import Expected, digest_of, load_expected, store_expected
-from clbvh.errors import ConfigError, InternalError, ValidationError
 
 
 def test_rays_of_every_kind_hit_and_miss_the_meshes_that_answers_are_stored_for(session):

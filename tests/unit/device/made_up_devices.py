@@ -1,6 +1,6 @@
 """Descriptions such as drivers give, for machines that are made up."""
 
-from clbvh.device.info import DeviceInfo
+from clbvh import DeviceInfo
 
 
 def make_device(name, kind, platform, number=-1, **facts):

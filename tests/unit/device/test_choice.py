@@ -5,8 +5,8 @@ from itertools import permutations
 import pyopencl as cl
 import pytest
 
-from clbvh.device.select import choose_device, list_devices, number_devices, pick_device, survey_devices
-from clbvh.errors import DeviceError
+from clbvh import DeviceError, choose_device, list_devices
+from clbvh.device.select import number_devices, pick_device, survey_devices
 
 from . import made_up_devices as made_up
 from .made_up_devices import (

@@ -9,10 +9,10 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
+from clbvh import DeviceError, InternalError, KernelBuildError
 from clbvh.device.context import EventTimes, Kernel
 from clbvh.device.program import build_kernel, expand_source, find_arguments
 from clbvh.device.session import DeviceSession
-from clbvh.errors import DeviceError, InternalError, KernelBuildError
 from clbvh.structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUTS
 from clbvh.support.folders import find_folder
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clbvh import Mesh, build
-from clbvh.errors import ConfigError
+from clbvh import ConfigError, Mesh, build
 from clbvh.stats.overlap import measure_overlap
 
 from ...soup import make_soup

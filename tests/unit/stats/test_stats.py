@@ -9,8 +9,7 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 
-from clbvh import Mesh, build, measure_tree, sah_cost
-from clbvh.errors import ConfigError
+from clbvh import ConfigError, Mesh, build, measure_tree, sah_cost
 from clbvh.stats import tree_plot
 from clbvh.stats.overlap import measure_overlap
 from clbvh.stats.tree_stats import Bar, gather_bars

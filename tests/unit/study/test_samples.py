@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from clbvh.errors import PoolError
+from clbvh import PoolError
 from clbvh.study.experiment import Experiment
 from clbvh.study.machine import Machine
 from clbvh.study.run import group_cases, sample_group

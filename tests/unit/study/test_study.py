@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from clbvh.errors import ConfigError
+from clbvh import ConfigError
 from clbvh.study import machine as machines
 from clbvh.study.experiment import Experiment
 from clbvh.study.experiments import EXPERIMENTS, find_experiments

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from clbvh.errors import ConfigError, MeshError
+from clbvh import ConfigError, MeshError
 from clbvh.support import files, memory
 from clbvh.support.files import (
     open_regular,

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from clbvh import Scene
-from clbvh.scene.state import SceneState
+from clbvh import Scene, SceneState
 
 ALL = 0xFFFFFFFF
 

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from clbvh import ConfigError, Mesh, QueryError, Scene, Spheres, Tracer, build, make_shape
+from clbvh import ClosestPoints, ConfigError, Mesh, QueryError, Scene, Spheres, Tracer, build, make_shape
 from clbvh.geometry.smooth_normals import find_vertex_faces
 from clbvh.integrations.trimesh.nearest import choose_facing, find_nearest_vertices
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.points import nearest
-from clbvh.trace.points.refine import ClosestPoints
 
 from ...rays import centred
 from ...soup import make_soup

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from clbvh import ConfigError, Mesh, QueryError
+from clbvh import ConfigError, Hits, Mesh, QueryError
 from clbvh.integrations.trimesh.ray import order_by_depth
 from clbvh.structs import HIT
 from clbvh.trace.hits import all_hits as module, interpolate as interpolate_module
-from clbvh.trace.hits.hits import Hits
 from clbvh.trace.hits.refine import RefinedHits, refine_closest
 from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import read_rays

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from clbvh import ConfigError, Mesh, QueryError, Scene, Spheres, Tracer, make_shape
+from clbvh import ConfigError, Hits, Mesh, QueryError, Scene, Spheres, Tracer, make_shape
 from clbvh.structs import NO_PRIM
-from clbvh.trace.hits.hits import Hits
 
 from .scene_states import affine
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from clbvh import ConfigError, Mesh, SceneError, Spheres
-from clbvh.trace.hits.hits import Hits
+from clbvh import ConfigError, Hits, Mesh, SceneError, Spheres
 from clbvh.trace.hits.surface import Surface
 from clbvh.trace.world.surface_arrays import make_surface_arrays
 

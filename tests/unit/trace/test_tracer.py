@@ -5,9 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from clbvh import Renderer, Tracer
+from clbvh import ConfigError, DeviceMemoryError, QueryError, Renderer, Tracer
 from clbvh.device.session import DeviceSession
-from clbvh.errors import ConfigError, DeviceMemoryError, QueryError
 from clbvh.structs import HIT, PACKED_RAY
 from clbvh.trace import tracer as tracer_module
 from clbvh.trace.rays import pieces

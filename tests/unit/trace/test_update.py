@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from clbvh import MeshError, OpenMeshWarning, QueryError, Tracer, build, sah_cost
+from clbvh import DeviceMemoryError, MeshError, OpenMeshWarning, QueryError, Tracer, build, sah_cost
 from clbvh.device import program
 from clbvh.device.session import DeviceSession
-from clbvh.errors import DeviceMemoryError
 from clbvh.layouts.refit_arrays import RefitArrays
 from clbvh.structs import LAYOUT_WIDTHS
 

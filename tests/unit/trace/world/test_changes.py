@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import clbvh
+from clbvh import ConfigError, MeshError, QueryError, SceneError
 from clbvh.builders import build as builders
-from clbvh.errors import ConfigError, MeshError, QueryError, SceneError
 
 KNOT = clbvh.make_shape("knot", triangles=1500)
 BALL = clbvh.make_shape("icosphere", triangles=300)

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from clbvh import build
-from clbvh.errors import ConfigError
-from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh import ConfigError, build, make_shape
 from clbvh.layouts.device_arrays import make_device_arrays
 from clbvh.structs import LAYOUT_WIDTHS, LAYOUTS, TRIANGLE
 
