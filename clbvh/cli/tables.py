@@ -64,7 +64,8 @@ def make_facts(facts: Mapping[str, str]) -> Any:
 
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column(style="dim")
-    table.add_column()
+    # A long path is broken, not cut off.
+    table.add_column(overflow="fold")
     for name, fact in facts.items():
         if fact:
             table.add_row(name, escape(fact))

@@ -187,15 +187,16 @@ class TestTune:
     def test_the_next_command_uses_the_kept_settings(self, measured, session, tmp_path, monkeypatch):
         monkeypatch.setattr(tune_module, "tune", lambda device: measured)
         words, cache = ("tune", "--device", session.info.number), {"CLBVH_CACHE": str(tmp_path)}
-        text = " ".join(run_clbvh(*words, **cache).stdout.split())
+        text = run_clbvh(*words, **cache).stdout
         for word in (*LAYOUT_WIDTHS, "taken", "work-group size", "tile", "8 x 8"):
             assert word in text
-        assert str(tmp_path) in text.replace(" ", "")
+        assert str(tmp_path) in "".join(text.split())
         facts = json.loads(run_clbvh(*words, "--json", **cache).stdout)
         assert facts["settings"]["layout"] == measured[1].layout
         assert [trial["choice"] for trial in facts["trials"]] == [trial.choice for trial in measured[2]]
         # Made up, so that it differs from the default of this kind of device.
         path = Path(facts["kept_in"])
+        assert path.is_relative_to(tmp_path)
         path.write_text(json.dumps(json.loads(path.read_text()) | {"layout": "bvh4"}))
         listed = json.loads(run_clbvh("devices", "--json", **cache).stdout)["devices"]
         assert listed[session.info.number]["layout"] == "bvh4"
