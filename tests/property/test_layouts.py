@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import Phase, given, strategies as st
 
-from clbvh import build
+from clbvh import Mesh, build
 from clbvh.rendering.painters import FrameRenderer, OneRayPainter
 from clbvh.structs import LAYOUT_WIDTHS, NO_PRIM, VIEW
 
@@ -84,6 +84,17 @@ def test_all_layouts_and_builders_answer_alike(opened, kind, tree, seed):
         with open_caster(opened, mesh, bvh, layout, tile=(4, 1), with_entry_points=True) as cast:
             in_tiles = cast("closest_hit", *(part[order] for part in rays))
             assert in_tiles.tobytes() == closest[order].tobytes(), layout
+
+
+def test_a_mesh_that_is_flat_along_an_axis_is_hit_in_every_layout(open_tracer):
+    corners = np.random.default_rng(7).uniform(-1, 1, (200, 3, 3))
+    for axis in range(3):
+        flat = corners * (np.arange(3) != axis)
+        mesh = Mesh.from_arrays(flat.reshape(-1, 3), np.arange(600).reshape(-1, 3))
+        away = 5.0 * np.eye(3)[axis]
+        for layout in LAYOUT_WIDTHS:
+            hits = open_tracer(mesh, layout=layout).closest_hit(flat.mean(axis=1) + away, -away)
+            assert hits.is_hit.all(), (axis, layout)
 
 
 def grazing_view(mesh, generator):
