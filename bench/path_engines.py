@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clbvh.study.engines import Tasks
+from clbvh.study.engines import Queries
 
 Array = NDArray[Any]
 
@@ -62,14 +62,14 @@ def make_cornell_box(side: int) -> Stage:
     """Return the shipped scene `cornell`."""
     import clbvh
 
-    scene = clbvh.open_scene("cornell")
+    scene, view = clbvh.open_scene("cornell")
     parts = []
     for shape, transform, material in list_objects(scene.snapshot()):
         vertices = shape.vertices @ transform[:3, :3].T + transform[:3, 3]
         # Squares face up: the lamp has to face down.
         faces = shape.faces[:, ::-1] if any(material.emission) else shape.faces
         parts.append(Part(vertices, faces, material.base_colour, material.emission))
-    return Stage(tuple(parts), scene.eye, scene.look_at, scene.fov, 0.0, side)
+    return Stage(tuple(parts), view.eye, view.look_at, view.fov, 0.0, side)
 
 
 def list_objects(state: Any) -> list[tuple[Any, Array, Any]]:
@@ -104,7 +104,7 @@ def to_scene(stage: Stage) -> Any:
     return scene
 
 
-def time_pictures(draw: Callable[[int, int], Array]) -> Tasks:
+def time_pictures(draw: Callable[[int, int], Array]) -> Queries:
     """Return a task for each number of samples: a new seed, the picture, and its seconds of processor time."""
     seeds = itertools.count(1)
 
@@ -116,7 +116,7 @@ def time_pictures(draw: Callable[[int, int], Array]) -> Tasks:
     return {str(count): lambda count=count: measure(count) for count in (*SAMPLE_COUNTS, REFERENCE_SAMPLES)}
 
 
-def serve_ours(stage: Stage) -> Tasks:
+def serve_ours(stage: Stage) -> Queries:
     """Draw by our shading `path`."""
     import clbvh
 
@@ -133,7 +133,7 @@ def serve_ours(stage: Stage) -> Tasks:
     return time_pictures(draw)
 
 
-def serve_mitsuba(stage: Stage, variant: str, sampler: str) -> Tasks:
+def serve_mitsuba(stage: Stage, variant: str, sampler: str) -> Queries:
     """Draw by Mitsuba 3, a variant such as ``"llvm_ad_rgb"``, with one of its samplers."""
     import mitsuba
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clbvh.study.engines import Tasks
+from clbvh.study.engines import Queries
 
 Array = NDArray[Any]
 
@@ -21,7 +21,7 @@ def place(vertices: Array, matrix: Array) -> Array:
     return vertices @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def ours(meshes: list[tuple[Array, Array]], of: list[int], frames: Array, rays: tuple[Array, Array]) -> Tasks:
+def ours(meshes: list[tuple[Array, Array]], of: list[int], frames: Array, rays: tuple[Array, Array]) -> Queries:
     """clbvh: instance i is a copy of the mesh ``of[i]``, in frame f at ``frames[f, i]``."""
     import clbvh
 
@@ -49,7 +49,7 @@ def ours(meshes: list[tuple[Array, Array]], of: list[int], frames: Array, rays: 
 
 def open3d_flattened(
     meshes: list[tuple[Array, Array]], of: list[int], frames: Array, rays: tuple[Array, Array]
-) -> Tasks:
+) -> Queries:
     """Open3D, which has no instances: every frame is flattened, built and cast."""
     import open3d
 
@@ -78,7 +78,7 @@ def open3d_flattened(
     return {"cast": cast, "frame": one_frame}
 
 
-def trimesh_loop(meshes: list[tuple[Array, Array]], of: list[int], frames: Array, rays: tuple[Array, Array]) -> Tasks:
+def trimesh_loop(meshes: list[tuple[Array, Array]], of: list[int], frames: Array, rays: tuple[Array, Array]) -> Queries:
     """Use trimesh over embreex: rays go into each mesh by its inverse transform, and the nearest hit is kept."""
     import trimesh
     from trimesh.ray.ray_pyembree import RayMeshIntersector

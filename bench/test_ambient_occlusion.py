@@ -7,7 +7,7 @@ import pytest
 
 import clbvh
 from clbvh.scene.copies import DRAWS_PER_POINT, sample_surface
-from clbvh.study.engines import Open3D, Rival, Tasks
+from clbvh.study.engines import Open3D, Queries, Rival
 
 from .paired import compare, measure_ms
 
@@ -37,10 +37,9 @@ def make_rays(points, normals, offset, generator):
     return rays
 
 
-def serve_open3d(vertices, faces, points, normals) -> Tasks:
-    """Return Open3D's tasks: rays are made and cast, or cast alone."""
-    engine = Open3D()
-    engine.open(vertices, faces)
+def serve_open3d(vertices, faces, points, normals) -> Queries:
+    """Return Open3D's queries: rays are made and cast, or cast alone."""
+    engine = Open3D(vertices, faces)
     engine.build()
     offset = OFFSET_SHARE * np.ptp(vertices, axis=0).max()
     made = engine.pack(make_rays(points, normals, offset, np.random.default_rng(0)))
@@ -66,12 +65,12 @@ def test_against_open3d(mesh, samples, open3d):
         Rival(serve_open3d, mesh.vertices, mesh.faces, *samples) as theirs,
         clbvh.Tracer(clbvh.build(mesh)) as tracer,
     ):
-        ours, peers = tracer.ambient_occlusion(*samples, rays=RAYS), theirs.ask("cast")
+        ours, peers = tracer.ambient_occlusion(*samples, rays=RAYS), theirs.measure("cast").result
         print(f"\nopen: {ours.mean():.4f}, peer {peers.mean():.4f}")
         assert abs(ours.mean() - peers.mean()) < LARGEST_DIFFERENCE
         for task in ("make and cast", "cast"):
             compare(
                 f"ambient occlusion, {POINTS:,} points, {RAYS} rays, Open3D: {task}",
                 lambda: measure_ms(lambda: tracer.ambient_occlusion(*samples, rays=RAYS)),
-                lambda task=task: theirs.measure_ms(task),
+                lambda task=task: theirs.measure(task).wall_ms,
             )

@@ -11,12 +11,12 @@ import math
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from importlib import import_module
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,18 +236,31 @@ class EngineError(ClbvhError, RuntimeError):
     """An engine's process failed or fell silent."""
 
 
-class Rival(ContextManager):
-    """The process of an engine, started by spawning, and idle while others are measured; see `open_engine`."""
+class Measured(NamedTuple):
+    """The time of a query in its process, and its result: of `open_engine`, the numbers of items and of answers."""
 
-    def __init__(self, name: str, folder: str) -> None:
+    wall_ms: float
+    result: Any
+
+
+class Rival(ContextManager):
+    """The process of an engine, started by spawning, and idle while others are measured.
+
+    Parameters
+    ----------
+    open_queries : function
+        Called in the process, with the other arguments; returns the queries by their names, such as `open_engine`.
+    """
+
+    def __init__(self, open_queries: Callable[..., Queries], *arguments: Any) -> None:
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, name, folder), daemon=True)
+        self._process = context.Process(target=_serve, args=(theirs, open_queries, arguments), daemon=True)
         self._process.start()
         theirs.close()
 
-    def measure(self, query: str) -> tuple[float, tuple[int, int | None]]:
-        """Return the milliseconds that a query takes in its process, and its numbers of items and of answers.
+    def measure(self, query: str) -> Measured:
+        """Ask a query once.
 
         Raises
         ------
@@ -264,7 +277,7 @@ class Rival(ContextManager):
             raise EngineError(f"the engine's process died (exit code {self._process.exitcode})") from None
         if failure:
             raise EngineError(f"the engine fails: {failure}")
-        return tuple(measured)
+        return Measured(*measured)
 
     def close(self) -> None:
         """End the process. Closing twice is allowed."""
@@ -273,16 +286,16 @@ class Rival(ContextManager):
         self._connection.close()
 
 
-def _serve(connection: Connection, name: str, folder: str) -> None:
+def _serve(connection: Connection, open_queries: Callable[..., Queries], arguments: Sequence[Any]) -> None:
     """Answer queries until the other end is closed, also by the death of its process; the life of the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     queries: Queries = {}
     with suppress(EOFError):
         while query := connection.recv():
             try:
-                queries = queries or open_engine(name, folder)
+                queries = queries or open_queries(*arguments)
                 begin = time.perf_counter()
-                counts = queries[query]()
-                connection.send(("", (time.perf_counter() - begin) * 1e3, counts))
+                result = queries[query]()
+                connection.send(("", (time.perf_counter() - begin) * 1e3, result))
             except Exception as error:
                 connection.send((f"{type(error).__name__}: {error}",))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import doctest
+import importlib
 import re
 import shlex
 import textwrap
@@ -198,3 +199,11 @@ def test_the_architecture_names_files_and_lists_that_exist():
 def replace_placeholders(command: str) -> list[str]:
     """Return the words of a command line, with a file in place of what stands for one."""
     return [PLACEHOLDERS.get(word, word) for word in shlex.split(command)]
+
+
+def test_benchmarks_that_pages_name_can_be_imported():
+    for path in sorted((REPOSITORY / "bench").glob("[a-z]*.py")):
+        importlib.import_module(f"bench.{path.stem}")
+    named = {file for page in PAGES for file in re.findall(r"\bbench/\w+\.py", page.read_text())}
+    assert named
+    assert [file for file in sorted(named) if not (REPOSITORY / file).is_file()] == []

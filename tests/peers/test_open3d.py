@@ -24,8 +24,7 @@ SCANS = ["bun_zipper.ply", "drill_shaft_zip.ply", "dragon_871k.ply"]
 
 def check_agreement(mesh, origins, directions, hits, t_floor):
     """Almost all hits are equal; of the others ours are right, so they lie where both engines may differ."""
-    engine = Open3D()
-    engine.open(mesh.vertices, mesh.faces)
+    engine = Open3D(mesh.vertices, mesh.faces)
     engine.build()
     answer = engine.scene.cast_rays(engine.pack(origins, directions))
     their_t, their_prim = answer["t_hit"].numpy(), answer["primitive_ids"].numpy().astype(np.int64)

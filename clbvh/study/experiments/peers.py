@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...geometry import Mesh
 from ...support.files import temporary_folder
 from ..bench import Bench
-from ..engines import ENGINES, Rival, Trimesh
+from ..engines import ENGINES, Rival, Trimesh, open_engine
 from ..experiment import Experiment
 from ..machine import list_missing
 from ..page import Axis, Figure, Part, Table
@@ -74,7 +74,7 @@ class Peers(Experiment):
         if name == _OURS:
             _ = bench.device
         folder = bench.once(("shared", mesh), lambda: _share(bench, mesh))
-        rival = bench.open(("engine", name), lambda: Rival(name, str(folder)))
+        rival = bench.open(("engine", name), lambda: Rival(open_engine, name, str(folder)))
         bench.rest_before(name)
         wall_ms, (items, answers) = rival.measure(query)
         values = {"wall_ms": wall_ms, "items": items, "answers": answers}

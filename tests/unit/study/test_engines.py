@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions, Mesh
-from clbvh.study.engines import EngineError, Rival
+from clbvh.study.engines import EngineError, Rival, open_engine
 from clbvh.study.experiments.peers import QUERIES
 from clbvh.study.ladder_work import count_ladder_work
 from clbvh.study.machine import count_build, find_counter_problem
@@ -26,15 +26,15 @@ def test_this_library_in_a_process_of_its_own(tmp_path, mesh):
     arrays = {"vertices": mesh.vertices, "faces": mesh.faces, "points": origins[None]}
     for name, array in {**arrays, **dict.fromkeys(RAYS, np.stack((origins, directions)))}.items():
         np.save(tmp_path / f"{name}.npy", array)
-    with Rival("clbvh", str(tmp_path)) as engine:
+    with Rival(open_engine, "clbvh", str(tmp_path)) as engine:
         for query in QUERIES:
-            assert engine.measure(query)[0] > 0
-        (_, closest), (_, every) = (engine.measure(query)[1] for query in ("coherent", "all"))
+            assert engine.measure(query).wall_ms > 0
+        (_, closest), (_, every) = (engine.measure(query).result for query in ("coherent", "all"))
         assert 0 < closest <= every
         # It survives a question that it does not understand.
         with pytest.raises(EngineError, match="the engine fails: KeyError"):
             engine.measure("no such query")
-        assert engine.measure("any")[1] == (RAY_COUNT, closest)
+        assert engine.measure("any").result == (RAY_COUNT, closest)
         engine._process.kill()
         with pytest.raises(EngineError, match="the engine's process died"):
             engine.measure("any")
