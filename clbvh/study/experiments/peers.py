@@ -114,13 +114,10 @@ def list_leads(results: Results, caption: str) -> Table:
     builds = results.by("mesh", query="build", engine=_OURS)
     triangles = {mesh: results.count(case, "items") or 0 for mesh, case in builds.items()}
     meshes = sorted(triangles, key=lambda mesh: triangles[mesh])
-    rows = [
-        (
-            title.removesuffix(", ms"),
-            *(lead_of(results, results.by("engine", mesh=mesh, query=query)) for mesh in meshes),
-        )
-        for query, title in QUERIES.items()
-    ]
+    rows = []
+    for query, title in QUERIES.items():
+        leads = [lead_of(results, results.by("engine", mesh=mesh, query=query)) for mesh in meshes]
+        rows.append((title.removesuffix(", ms"), *leads))
     return Table(caption, ("", *(f"{mesh.partition('-')[0]}, {triangles[mesh]:,}" for mesh in meshes)), rows)
 
 

@@ -19,7 +19,7 @@ from clbvh.builders.processes.shared_memory import SharedArray
 from clbvh.builders.sah import build_sah as sah_module
 from clbvh.support.host_threads import HostThreads
 
-from ...processes import list_session, start_script, wait_until
+from ...processes.sessions import list_session, start_script, wait_until
 from ...soup import make_soup
 
 # Far above what closing a pool may take, far below the steps that are cut short.
