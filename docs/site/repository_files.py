@@ -26,7 +26,6 @@ _PAGES = {
     "CHANGELOG.md": "changelog.md",
     "CONTRIBUTING.md": "contributing.md",
     "examples": "recipes/README.md",
-    "docs/results": "results/samples.jsonl",
     **{f"examples/{path.name}": f"examples/{path.stem}.md" for path in sorted(_REPOSITORY.glob("examples/*.py"))},
 }
 _FILES = {page: file for file, page in _PAGES.items() if "." in file}
