@@ -209,6 +209,8 @@ def break_pyopencl(tmp_path, monkeypatch):
     def run(code):
         (tmp_path / "sitecustomize.py").write_text("import os, time\nimport pyopencl as cl\n" + code)
         monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+        # Two texts of one length, written in one second, share their bytecode.
+        monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
 
     return run
 
