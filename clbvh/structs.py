@@ -89,6 +89,33 @@ SPHERE_BLOCKS = {
     for width in (4, 8)
 }
 
+# --- Trees that a device builds, see cl/tree ---
+
+# Two clusters that became one: a node of the binary tree. Clusters are numbered from 0 in the order in which they were
+# made; `~i` is the i-th primitive along the curve. `interior_count` is that of the subtree, 0 where it is a leaf.
+MERGE = np.dtype(
+    [
+        ("aabb_min", "f4", 3), ("left", "i4"), ("aabb_max", "f4", 3), ("right", "i4"),
+        ("cost", "f4"), ("prim_count", "i4"), ("interior_count", "i4"), ("height", "i4"),
+    ]
+)  # fmt: skip
+
+# A subtree as at most 1, 2, ... children of a wide node: its cost, the nodes and blocks below, and the children that
+# the left half has, 0 where one child less is as cheap; see `layouts/wide.py`.
+WIDE_CHOICES = {
+    width: np.dtype([("cost", "f4", width), ("nodes", "i4", width), ("blocks", "i4", width), ("shares", "i4", width)])
+    for width in (4, 8)
+}
+
+# Where a node of the binary tree goes, -1 where it becomes no node of its own: its index, the first index for the nodes
+# below it, the first one for blocks or primitives, and the entries that a traversal has on its stack before.
+PLACEMENT = np.dtype([("node", "i4"), ("next_node", "i4"), ("next_block", "i4"), ("on_stack", "i4")])
+
+# What the host must know of a tree: its sizes, the size of a traversal's stack, and the box.
+TREE_SUMMARY = np.dtype(
+    [("aabb_min", "f4", 3), ("node_count", "i4"), ("aabb_max", "f4", 3), ("block_count", "i4"), ("stack_size", "i4")]
+)
+
 # --- Queries ---
 
 # A ray as it is uploaded, in local coordinates. The longest component of the direction is from 1 to 2; the unit of t is
@@ -414,6 +441,7 @@ LIGHT_CHOICE = np.dtype(
 
 # Structs by their C names, in the order of their declarations.
 DEVICE_STRUCTS = {
+    "node_t": NODE,
     "bvh2_node_t": BVH2_NODE,
     "triangle_t": TRIANGLE,
     "bvh4_node_t": WIDE_NODES[4],
@@ -423,6 +451,11 @@ DEVICE_STRUCTS = {
     "sphere_t": SPHERE,
     "sphere4_t": SPHERE_BLOCKS[4],
     "sphere8_t": SPHERE_BLOCKS[8],
+    "merge_t": MERGE,
+    "choice4_t": WIDE_CHOICES[4],
+    "choice8_t": WIDE_CHOICES[8],
+    "placement_t": PLACEMENT,
+    "tree_summary_t": TREE_SUMMARY,
     "packed_ray_t": PACKED_RAY,
     "hit_t": HIT,
     "steps_t": STEPS,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.bvh import Bvh
-from ..geometry.corners import find_corners
+from ..geometry.corners import Bounded, find_corners
 from ..structs import NO_PRIM, NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX, WIDE_NODES
 from ..support.compiled import compiled
 
@@ -58,7 +58,7 @@ def widen(bvh: Bvh, width: int) -> WideTree:
     nodes, prim_ids = split_leaves(bvh, width), bvh.prim_ids
     node_ints = nodes.view(np.int32)
     splits = np.zeros((len(nodes), width + 1), np.int8)
-    choose_children(nodes, node_ints, width, BLOCK_COST, BLOCK_PRICE, splits)
+    choose_children(nodes, node_ints, width, block_price(bvh.shape), splits)
     wide_nodes = np.empty(max(1, len(nodes) // 2), WIDE_NODES[width])
     blocks = np.full((len(nodes) // 2 + 1, width), NO_PRIM, np.int32)
     lanes = wide_nodes.view(np.float32).reshape(len(wide_nodes), -1)
@@ -140,14 +140,21 @@ def _list_prims(node_ints, prim_ids, top, stack, prims):
                 count += 1
 
 
-# The cost of a block's test in node steps, and the price of its memory besides, as the area of that many average nodes.
-# Blocks of spheres are as fast with four times the price, and with a quarter.
-BLOCK_COST = 1.0
-BLOCK_PRICE = 16.0
+# The price of a block's memory besides its test, which costs as much as a node step: as the area of this many average
+# nodes, if a tree had one for each primitive. Blocks of spheres are as fast with four times the price, and with a
+# quarter.
+_BLOCK_PRICE = 20.0
+
+
+def block_price(shape: Bounded) -> np.float32:
+    """Return what a block costs besides its area, in units of that: for trees over this shape."""
+    lower, upper = shape.local_box.astype(np.float64)
+    x, y, z = upper - lower
+    return np.float32(_BLOCK_PRICE * (x * y + y * z + z * x) / shape.prim_count)
 
 
 @compiled
-def choose_children(nodes, node_ints, width, block_cost, block_price, splits):
+def choose_children(nodes, node_ints, width, block_price, splits):
     """Find the cheapest way to represent each subtree by 1, 2, ... children of a wide node.
 
     Parameters
@@ -156,19 +163,19 @@ def choose_children(nodes, node_ints, width, block_cost, block_price, splits):
         Lanes of `structs.NODE`, children behind their parents.
     width : int
         Most children of a node, and most triangles of a leaf.
-    block_cost, block_price : float
-        See `BLOCK_COST` and `BLOCK_PRICE`.
+    block_price : float32
+        See `block_price`.
     splits : (N, width + 1) int8, zero, written
         ``splits[node, i]`` is the left child's share where the subtree becomes at most i children; 0 where i - 1
         children are as cheap. ``splits[node, 1]`` is the left child's share of the wide node's own children; 0 for a
         leaf.
     """
-    costs = np.empty((len(nodes), width + 1), np.float64)
+    # In float32, as a device computes that builds trees, see cl/tree/choose.cl.
+    costs = np.empty((len(nodes), width + 1), np.float32)
     prim_counts = np.empty(len(nodes), np.int32)
-    price = block_price * _half_area(nodes, 0) / len(nodes)
     for node in range(len(nodes) - 1, -1, -1):
         area = _half_area(nodes, node)
-        leaf_cost = area * block_cost + price
+        leaf_cost = area + block_price
         prim_counts[node] = node_ints[node, NODE_COUNT]
         if prim_counts[node] > 0:
             costs[node, 1:] = leaf_cost
@@ -177,7 +184,7 @@ def choose_children(nodes, node_ints, width, block_cost, block_price, splits):
         right = left + 1
         prim_counts[node] = prim_counts[left] + prim_counts[right]
         for children in range(2, width + 1):
-            cheapest = np.inf
+            cheapest = np.float32(np.inf)
             for left_children in range(1, children):
                 cost = costs[left, left_children] + costs[right, children - left_children]
                 if cost < cheapest:
@@ -202,7 +209,7 @@ def _half_area(nodes, node):
     x = nodes[node, NODE_MAX] - nodes[node, 0]
     y = nodes[node, NODE_MAX + 1] - nodes[node, 1]
     z = nodes[node, NODE_MAX + 2] - nodes[node, 2]
-    return np.float64(x) * y + np.float64(y) * z + np.float64(z) * x
+    return x * y + y * z + z * x
 
 
 @compiled

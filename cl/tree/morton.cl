@@ -1,0 +1,35 @@
+// Morton codes of centroids: the bits of three coordinates in turn (Morton, 1966).
+//
+// The grid is a cube around all local coordinates, which are from -1 to 1, so that its cells follow from a
+// multiplication by a power of two: a division would be rounded differently by some devices.
+
+#include "tree/prims.cl"
+
+// Bits of a coordinate in one key, and in all keys.
+#define AXIS_BITS 10
+#define ALL_AXIS_BITS 20
+
+// The lowest bits of a number at every third position.
+INLINED uint spread_bits(const uint number)
+{
+    uint bits = number & 0x3ff;
+    bits = (bits | bits << 16) & 0x030000ff;
+    bits = (bits | bits << 8) & 0x0300f00f;
+    bits = (bits | bits << 4) & 0x030c30c3;
+    return (bits | bits << 2) & 0x09249249;
+}
+
+INLINED uint cell_of(const float doubled_centroid)
+{
+    const float position = (doubled_centroid + 2.0f) * (float)(1 << (ALL_AXIS_BITS - 2));
+    return (uint)smaller(larger(position, 0.0f), (float)((1 << ALL_AXIS_BITS) - 1));
+}
+
+// The key of a box: its upper bits, or for `is_fine` the lower ones.
+INLINED uint morton_key(const box_t box, const int is_fine)
+{
+    const float3 centroid = box.lower + box.upper;
+    const int shift = is_fine ? 0 : ALL_AXIS_BITS - AXIS_BITS;
+    return spread_bits(cell_of(centroid.x) >> shift) << 2 | spread_bits(cell_of(centroid.y) >> shift) << 1
+        | spread_bits(cell_of(centroid.z) >> shift);
+}

@@ -1,0 +1,296 @@
+"""A tree built on a device: from corners to nodes and blocks, in the steps of cl/kernels/build_tree.cl.
+
+After Meister and Bittner, "Parallel locally-ordered clustering for bounding volume hierarchy construction" (2018), in
+tiles as Benthin et al., "H-PLOC: hierarchical parallel locally-ordered clustering" (2024), have them. The bytes of a
+tree depend on no device: all sizes follow from the number of primitives, and every merge has its own number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...bvh import Bvh
+from ...device.info import DeviceInfo
+from ...device.program import build_kernels
+from ...device.radix_sort import PAIR_BYTES, sort_pairs
+from ...device.session import DeviceSession
+from ...errors import DeviceError
+from ...geometry.corners import Bounded, find_corners
+from ...layouts.wide import block_price
+from ...structs import (
+    BVH2_NODE,
+    LAYOUT_WIDTHS,
+    MERGE,
+    NODE,
+    PLACEMENT,
+    TREE_SUMMARY,
+    WIDE_CHOICES,
+    WIDE_NODES,
+)
+from ...support.stopwatch import Stopwatch
+from ..options import BuildOptions
+from .passes import Pass, plan_passes
+
+# Bits of a key, see cl/tree/morton.cl. Above this number of primitives two keys are sorted by, one after the other:
+# cells of the coarser grid would have many primitives each.
+_KEY_BITS = 30
+_MOST_FOR_ONE_KEY = 1 << 24
+
+# Work-items of a work-group: of kernels with one for each primitive, with one for each tile, and with one for each
+# cluster of a tile, on GPUs.
+_PRIM_GROUP = (64,)
+_TILE_GROUP = (1,)
+_CLUSTER_GROUP = (128,)
+
+
+class TreeForm(NamedTuple):
+    """What becomes of the binary tree.
+
+    Attributes
+    ----------
+    width : int
+        Children of a node.
+    as_rows : bool
+        Nodes as a `Bvh` has them.
+    """
+
+    width: int
+    as_rows: bool = False
+
+    @property
+    def node(self) -> np.dtype:
+        """The struct of a node."""
+        if self.as_rows:
+            return NODE
+        return WIDE_NODES[self.width] if self.width > 2 else BVH2_NODE
+
+    @property
+    def block_width(self) -> int:
+        """Primitives of a block."""
+        return self.width if self.width > 2 else 1
+
+
+class BuiltTree(NamedTuple):
+    """A tree on a device.
+
+    Attributes
+    ----------
+    nodes : buffer of (node_count,) structs of the layout
+    prims : buffer of (block_count * block width,) int32
+        The primitives of each block, see `WideTree.blocks`; of `bvh2` and of a `Bvh` its `prim_ids`.
+    node_count, block_count : int
+    stack_size : int
+        Most entries on the stack of a traversal.
+    lower, upper : (3,) float32
+        The root's box.
+    """
+
+    nodes: Any
+    prims: Any
+    node_count: int
+    block_count: int
+    stack_size: int
+    lower: NDArray[np.float32]
+    upper: NDArray[np.float32]
+
+
+def build_fast(shape: Bounded, options: BuildOptions, device: DeviceInfo | str | int | None = None) -> Bvh:
+    """Build on a device and download the tree.
+
+    Returns
+    -------
+    Bvh
+        Its phases: "upload", "sort", "merge", "place", "download".
+
+    Raises
+    ------
+    DeviceError
+        There is no such device, or it has not enough memory.
+    """
+    watch = Stopwatch()
+    try:
+        session = DeviceSession(device)
+    except DeviceError as error:
+        raise DeviceError(f"{error}; quality='default' builds without a device") from error
+    with session:
+
+        def lap(phase: str) -> None:
+            session.finish()
+            watch.lap(phase)
+
+        tree = build_tree_on(session, Prims.upload(session, shape), options, TreeForm(2, as_rows=True), lap)
+        nodes, prim_ids = np.empty(tree.node_count, NODE), np.empty(tree.block_count, np.int32)
+        session.download(tree.nodes, nodes)
+        session.download(tree.prims, prim_ids)
+        watch.lap("download")
+    return Bvh(nodes, prim_ids, shape, watch.laps_ms)
+
+
+class Prims(NamedTuple):
+    """Primitives on a device, by their corners, see `geometry.corners.Corners`.
+
+    Attributes
+    ----------
+    points : buffer of (m, 3) float32
+    corners : buffer of (n, 3) int32
+    count : int
+    block_price : float
+        See `layouts.wide.block_price`.
+    """
+
+    points: Any
+    corners: Any
+    count: int
+    block_price: np.float32
+
+    @classmethod
+    def upload(cls, session: DeviceSession, shape: Bounded) -> Prims:
+        """Put the corners of a shape on a device."""
+        corners = find_corners(shape)
+        return cls(session.upload(corners.points), session.upload(corners.ids), shape.prim_count, block_price(shape))
+
+
+def build_tree_on(
+    session: DeviceSession,
+    prims: Prims,
+    options: BuildOptions,
+    form: TreeForm,
+    lap: Callable[[str], None] = lambda phase: None,
+) -> BuiltTree:
+    """Build a tree over primitives that are on the device.
+
+    Parameters
+    ----------
+    session : DeviceSession
+    prims : Prims
+    options : BuildOptions
+        Its leaf size and its traversal cost. A block of a wide layout holds at most as many primitives as its width.
+    form : TreeForm
+    lap : function
+        Called with the name of each phase when that is enqueued.
+
+    Raises
+    ------
+    DeviceError
+        The device has not enough memory: 180 bytes for each primitive besides the tree, or 80 for `bvh2`.
+    """
+    lap("upload")
+    build = _Build(session, prims, options, form)
+    lap("sort")
+    build.merge()
+    lap("merge")
+    tree = build.place()
+    lap("place")
+    return tree
+
+
+class _Build:
+    """One build, until its arrays are no longer needed."""
+
+    def __init__(self, session: DeviceSession, prims: Prims, options: BuildOptions, form: TreeForm) -> None:
+        self._session, self._form = session, form
+        self._passes: list[Pass] = plan_passes(prims.count)
+        self._root = prims.count - 2 if prims.count > 1 else ~0
+        is_grouped = session.info.kind == "gpu"
+        self._merge_group = _CLUSTER_GROUP if is_grouped else _TILE_GROUP
+        self._kernels = build_kernels(
+            session,
+            "build_tree",
+            {
+                "TREE_WIDTH": form.width,
+                "AS_ROWS": int(form.as_rows),
+                "GROUPED": int(is_grouped),
+                "GROUP_SIZE": self._merge_group[0],
+            },
+        )
+        merge_count = max(1, prims.count - 1)
+        is_wide = form.width > 2
+        self._tree = {
+            "points": prims.points,
+            "corners": prims.corners,
+            "pairs": self._sort(prims),
+            "merges": session.allocate(merge_count * MERGE.itemsize),
+            "choices": session.allocate(merge_count * WIDE_CHOICES[form.width].itemsize) if is_wide else None,
+            "placements": session.allocate(merge_count * PLACEMENT.itemsize),
+            "leaf_size": np.int32(min(options.leaf_size, form.width) if is_wide else options.leaf_size),
+            "traversal_cost": np.float32(options.traversal_cost),
+            "block_price": prims.block_price,
+        }
+
+    def _sort(self, prims: Prims) -> Any:
+        """Return the pairs of the primitives along the curve."""
+        pairs = self._session.allocate(PAIR_BYTES * prims.count)
+        steps = [(0, 0)] if prims.count <= _MOST_FOR_ONE_KEY else [(1, 0), (0, 1)]
+        for is_fine, is_second in steps:
+            self._session.run(
+                self._kernels["make_keys"],
+                (prims.count,),
+                _PRIM_GROUP,
+                points=prims.points,
+                corners=prims.corners,
+                pairs=pairs,
+                prim_count=np.int32(prims.count),
+                is_fine=np.int32(is_fine),
+                is_second=np.int32(is_second),
+            )
+            pairs = sort_pairs(self._session, pairs, prims.count, _KEY_BITS)
+        return pairs
+
+    def merge(self) -> None:
+        """Make the binary tree."""
+        clusters = left_over = None
+        for number, each in enumerate(self._passes):
+            left_over = self._session.allocate(4 * each.tile_count * each.target)
+            self._session.run(
+                self._kernels["merge_tiles"],
+                (each.tile_count * self._merge_group[0],),
+                self._merge_group,
+                **self._tree,
+                **each.as_arguments(),
+                clusters=clusters,
+                left_over=left_over,
+                is_first=np.int32(number == 0),
+            )
+            clusters = left_over
+
+    def place(self) -> BuiltTree:
+        """Write the nodes, and the primitives of the leaves."""
+        session, root = self._session, np.int32(self._root)
+        summary_buffer = session.allocate(TREE_SUMMARY.itemsize)
+        session.run(self._kernels["summarize"], (1,), (1,), **self._tree, root=root, summary=summary_buffer)
+        summary = np.empty(1, TREE_SUMMARY)
+        session.download(summary_buffer, summary)
+        node_count, block_count = int(summary["node_count"][0]), int(summary["block_count"][0])
+        node_count = 2 * node_count + 1 if self._form.as_rows else max(1, node_count)
+        nodes = session.allocate(node_count * self._form.node.itemsize)
+        prims = session.allocate(4 * block_count * self._form.block_width)
+        output = {"nodes": nodes, "prims": prims, "summary": summary_buffer}
+        session.run(self._kernels["place_first"], (1,), (1,), **self._tree, **output, root=root)
+        for each in reversed(self._passes):
+            session.run(
+                self._kernels["place_tiles"],
+                (each.tile_count,),
+                _TILE_GROUP if session.info.kind == "cpu" else _PRIM_GROUP,
+                **self._tree,
+                **each.as_arguments(),
+                **output,
+            )
+        session.download(summary_buffer, summary)
+        return BuiltTree(
+            nodes,
+            prims,
+            node_count,
+            block_count,
+            int(summary["stack_size"][0]) + (self._form.width - 1 if self._form.width > 2 else 0),
+            summary["aabb_min"][0],
+            summary["aabb_max"][0],
+        )
+
+
+def form_of(layout: str) -> TreeForm:
+    """Return the form of a layout."""
+    return TreeForm(LAYOUT_WIDTHS[layout])
