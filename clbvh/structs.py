@@ -100,15 +100,13 @@ MERGE = np.dtype(
     ]
 )  # fmt: skip
 
-# A subtree as at most 1, 2, ... children of a wide node: its cost, the nodes and blocks below, and the children that
-# the left half has, 0 where one child less is as cheap; see `layouts/wide.py`.
-WIDE_CHOICES = {
-    width: np.dtype([("cost", "f4", width), ("nodes", "i4", width), ("blocks", "i4", width), ("shares", "i4", width)])
-    for width in (4, 8)
-}
+# A subtree as at most 1, 2, ... children of a wide node: its cost, and four bits each for the children that the left
+# half has, 0 where one child less is as cheap; see `layouts/wide.py`.
+WIDE_CHOICES = {width: np.dtype([("cost", "f4", width), ("shares", "u4")]) for width in (4, 8)}
 
-# Where a node of the binary tree goes, -1 where it becomes no node of its own: its index, the first index for the nodes
-# below it, the first one for blocks or primitives, and the entries that a traversal has on its stack before.
+# Where a node of the binary tree goes: its index, the first index for the nodes below it, the first one for blocks or
+# primitives, and the entries that a traversal has on its stack before. Of the wide layouts, until a node is placed, the
+# numbers of nodes and blocks of its subtree.
 PLACEMENT = np.dtype([("node", "i4"), ("next_node", "i4"), ("next_block", "i4"), ("on_stack", "i4")])
 
 # What the host must know of a tree: its sizes, the size of a traversal's stack, and the box.

@@ -5,7 +5,8 @@
 // GROUPED, GROUP_SIZE: see tree/tile.cl.
 //
 // points, corners, pairs       see tree/prims.cl
-// merges, choices, placements  see tree/merges.cl
+// merges, choices, is_node, placements
+//                              see tree/merges.cl
 // cluster_count, tile_count, target, first_merge, levels_above
 //                              of a pass, see tree/tile.cl
 
@@ -27,15 +28,15 @@
 
 #define TREE_ARGUMENTS \
     const global float *points, const global int *corners, const global ulong *pairs, global merge_t *merges, \
-    global choice_t *choices, global placement_t *placements, const int leaf_size, const float traversal_cost, \
-    const float block_price
+    global choice_t *choices, global uchar *is_node, global placement_t *placements, const int leaf_size, \
+    const float traversal_cost, const float block_price
 
 #define PASS_ARGUMENTS \
     const int cluster_count, const int tile_count, const int target, const int first_merge, const int levels_above
 
 #define MAKE_TREE \
     const tree_t tree = { \
-        {points, corners, pairs}, merges, choices, placements, leaf_size, traversal_cost, block_price}
+        {points, corners, pairs}, merges, choices, is_node, placements, leaf_size, traversal_cost, block_price}
 
 // Write the pair of each primitive: its key, or for `is_fine` its finer one, and itself. The primitives are in their own
 // order, or for `is_coarse_after` in that of the pairs, which then gets the coarser key.
@@ -73,6 +74,55 @@ kernel void merge_tiles(
 #endif
 }
 
+// The numbers of a tile's merges, of which later ones lie above earlier ones.
+INLINED int2 find_merges(PASS_ARGUMENTS)
+{
+    const int tile = (int)get_global_id(0);
+    if (tile >= tile_count) {
+        return (int2)(0);
+    }
+    const tile_range_t range = find_tile(tile, cluster_count, tile_count, target, first_merge, levels_above);
+    return (int2)(range.first_merge, range.first_merge + range.count - range.target);
+}
+
+#define MERGES_OF_TILE find_merges(cluster_count, tile_count, target, first_merge, levels_above)
+
+#if TREE_WIDTH > 2
+
+kernel void mark_root(TREE_ARGUMENTS, const int root)
+{
+    MAKE_TREE;
+    if (!is_block(&tree, root)) {
+        tree.is_node[root] = 1;
+    }
+}
+
+// Mark the merges of a pass that become wide nodes, those of later passes being marked.
+kernel void mark_tiles(TREE_ARGUMENTS, PASS_ARGUMENTS)
+{
+    MAKE_TREE;
+    const int2 range = MERGES_OF_TILE;
+    for (int number = range.y - 1; number >= range.x; number--) {
+        if (tree.is_node[number]) {
+            mark_children(&tree, number);
+        }
+    }
+}
+
+// Count what is below the nodes of a pass, those of earlier passes being counted.
+kernel void count_tiles(TREE_ARGUMENTS, PASS_ARGUMENTS)
+{
+    MAKE_TREE;
+    const int2 range = MERGES_OF_TILE;
+    for (int number = range.x; number < range.y; number++) {
+        if (tree.is_node[number]) {
+            count_subtree(&tree, number);
+        }
+    }
+}
+
+#endif
+
 // Write what the host must know before it has room for the nodes; `root` is the last cluster.
 kernel void summarize(TREE_ARGUMENTS, const int root, global tree_summary_t *summary)
 {
@@ -89,8 +139,8 @@ kernel void summarize(TREE_ARGUMENTS, const int root, global tree_summary_t *sum
     summary->node_count = interior_count_of(&tree, root);
     summary->block_count = prim_count_of(&tree, root);
 #else
-    summary->node_count = is_block(&tree, root) ? 1 : tree.choices[root].nodes[0];
-    summary->block_count = is_block(&tree, root) ? 1 : tree.choices[root].blocks[0];
+    summary->node_count = is_block(&tree, root) ? 1 : placements[root].next_node;
+    summary->block_count = is_block(&tree, root) ? 1 : placements[root].next_block;
 #endif
 }
 
@@ -109,13 +159,9 @@ kernel void place_tiles(TREE_ARGUMENTS, PASS_ARGUMENTS, OUTPUT_ARGUMENTS)
 {
     MAKE_TREE;
     const output_t output = {nodes, prims, summary};
-    const int tile = (int)get_global_id(0);
-    if (tile >= tile_count) {
-        return;
-    }
-    const tile_range_t range = find_tile(tile, cluster_count, tile_count, target, first_merge, levels_above);
-    for (int number = range.first_merge + range.count - range.target - 1; number >= range.first_merge; number--) {
-        if (tree.placements[number].node >= 0) {
+    const int2 range = MERGES_OF_TILE;
+    for (int number = range.y - 1; number >= range.x; number--) {
+        if (tree.is_node[number]) {
             place_node(&tree, &output, number);
         }
     }

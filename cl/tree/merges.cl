@@ -13,7 +13,8 @@ typedef choice4_t choice_t;
 //
 // merges[n - 1]       see structs.MERGE
 // choices[n - 1]      see structs.WIDE_CHOICES; of wide layouts
-// placements[n - 1]   see structs.PLACEMENT
+// is_node[n - 1]      whether a merge becomes a node of its own
+// placements[n - 1]   of those that do, see structs.PLACEMENT
 // leaf_size           most primitives in a leaf
 // traversal_cost      of a node, in tests of a primitive
 // block_price         of the memory of a block in a wide layout, see `layouts/wide.py`
@@ -21,6 +22,7 @@ typedef struct {
     prims_t prims;
     global merge_t *merges;
     global choice_t *choices;
+    global uchar *is_node;
     global placement_t *placements;
     int leaf_size;
     float traversal_cost;
@@ -93,7 +95,7 @@ INLINED int merge_clusters(
     merge->prim_count = prim_count;
     merge->interior_count = becomes_leaf ? 0 : 1 + interior_count_of(tree, left) + interior_count_of(tree, right);
     merge->height = 1 + max(left_height, right_height);
-    tree->placements[number].node = -1;
+    tree->is_node[number] = 0;
 #if TREE_WIDTH > 2
     if (!becomes_leaf) {
         choose_children(tree, number, area, half_area(left_box), half_area(right_box));

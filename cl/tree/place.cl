@@ -55,6 +55,7 @@ INLINED void place_child(
     if (is_a_leaf) {
         list_prims(tree, child, output->prims + place.next_block);
     } else {
+        tree->is_node[child] = 1;
         tree->placements[child] = place;
     }
 #if AS_ROWS
@@ -110,6 +111,7 @@ INLINED void place_root(const tree_t *tree, const output_t *output, const int ro
     place_child(tree, output, root, place, -1, 0);
 #else
     if (!is_leaf(tree, root)) {
+        tree->is_node[root] = 1;
         tree->placements[root] = place;
         return;
     }
@@ -120,8 +122,8 @@ INLINED void place_root(const tree_t *tree, const output_t *output, const int ro
         node->aabb_min[1][axis] = GREATEST;
         node->aabb_max[1][axis] = -GREATEST;
     }
-    node->first[1] = 0;
-    node->count[1] = 0;
+    node->first[1] = node->first[0];
+    node->count[1] = node->count[0];
 #endif
 }
 
@@ -134,7 +136,7 @@ INLINED int list_children(const tree_t *tree, const int number, int *children)
     int shares[TREE_WIDTH + 1];
     int cluster = number;
     int share = TREE_WIDTH;
-    int left_share = tree->choices[number].shares[0];
+    int left_share = share_of(tree->choices[number].shares, 1);
     int stack_size = 0;
     int count = 0;
     for (;;) {
@@ -153,7 +155,7 @@ INLINED int list_children(const tree_t *tree, const int number, int *children)
         }
         left_share = 0;
         if (!is_leaf(tree, cluster)) {
-            while (share > 1 && (left_share = tree->choices[cluster].shares[share - 1]) == 0) {
+            while (share > 1 && (left_share = share_of(tree->choices[cluster].shares, share)) == 0) {
                 share--;
             }
         }
@@ -162,13 +164,40 @@ INLINED int list_children(const tree_t *tree, const int number, int *children)
 
 INLINED bool is_block(const tree_t *tree, const int cluster)
 {
-    return is_leaf(tree, cluster) || tree->choices[cluster].shares[0] == 0;
+    return is_leaf(tree, cluster) || share_of(tree->choices[cluster].shares, 1) == 0;
+}
+
+// Mark the children of a wide node that are nodes, too.
+INLINED void mark_children(const tree_t *tree, const int number)
+{
+    int children[TREE_WIDTH];
+    const int child_count = list_children(tree, number, children);
+    for (int i = 0; i < child_count; i++) {
+        if (!is_block(tree, children[i])) {
+            tree->is_node[children[i]] = 1;
+        }
+    }
+}
+
+// Count the nodes and blocks of a subtree, those of its children being counted.
+INLINED void count_subtree(const tree_t *tree, const int number)
+{
+    int children[TREE_WIDTH];
+    const int child_count = list_children(tree, number, children);
+    int node_count = 1;
+    int block_count = 0;
+    for (int i = 0; i < child_count; i++) {
+        const bool is_a_block = is_block(tree, children[i]);
+        node_count += is_a_block ? 0 : tree->placements[children[i]].next_node;
+        block_count += is_a_block ? 1 : tree->placements[children[i]].next_block;
+    }
+    tree->placements[number].next_node = node_count;
+    tree->placements[number].next_block = block_count;
 }
 
 INLINED void place_children(
     const tree_t *tree, const output_t *output, const placement_t place, const int *children, const int child_count)
 {
-    int node_count = 0;
     int block_count = 0;
     int behind_node = place.next_node;
     for (int i = 0; i < child_count; i++) {
@@ -187,8 +216,8 @@ INLINED void place_children(
         const placement_t own = {behind_node, next_node, behind_block, on_stack};
         places[i] = own;
         if (!is_block(tree, children[i])) {
-            next_node += tree->choices[children[i]].nodes[0] - 1;
-            behind_block += tree->choices[children[i]].blocks[0];
+            next_node += tree->placements[children[i]].next_node - 1;
+            behind_block += tree->placements[children[i]].next_block;
         }
     }
 

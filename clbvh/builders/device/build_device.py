@@ -7,7 +7,7 @@ tree depend on no device: all sizes follow from the number of primitives, and ev
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -215,6 +215,7 @@ class _Build:
             "pairs": self._sort(prims),
             "merges": session.allocate(merge_count * MERGE.itemsize),
             "choices": session.allocate(merge_count * WIDE_CHOICES[form.width].itemsize) if is_wide else None,
+            "is_node": session.allocate(merge_count),
             "placements": session.allocate(merge_count * PLACEMENT.itemsize),
             "leaf_size": np.int32(min(options.leaf_size, form.width) if is_wide else options.leaf_size),
             "traversal_cost": np.float32(options.traversal_cost),
@@ -257,9 +258,21 @@ class _Build:
             )
             clusters = left_over
 
+    def _run_tiles(self, name: str, passes: Iterable[Pass], **arguments: Any) -> None:
+        """Run a kernel over the merges of passes, with one work-item for each tile."""
+        group = _TILE_GROUP if self._session.info.kind == "cpu" else _PRIM_GROUP
+        for each in passes:
+            self._session.run(
+                self._kernels[name], (each.tile_count,), group, **self._tree, **each.as_arguments(), **arguments
+            )
+
     def place(self) -> BuiltTree:
         """Write the nodes, and the primitives of the leaves."""
         session, root = self._session, np.int32(self._root)
+        if self._form.width > 2:
+            session.run(self._kernels["mark_root"], (1,), (1,), **self._tree, root=root)
+            self._run_tiles("mark_tiles", reversed(self._passes))
+            self._run_tiles("count_tiles", self._passes)
         summary_buffer = session.allocate(TREE_SUMMARY.itemsize)
         session.run(self._kernels["summarize"], (1,), (1,), **self._tree, root=root, summary=summary_buffer)
         summary = np.empty(1, TREE_SUMMARY)
@@ -270,15 +283,7 @@ class _Build:
         prims = session.allocate(4 * block_count * self._form.block_width)
         output = {"nodes": nodes, "prims": prims, "summary": summary_buffer}
         session.run(self._kernels["place_first"], (1,), (1,), **self._tree, **output, root=root)
-        for each in reversed(self._passes):
-            session.run(
-                self._kernels["place_tiles"],
-                (each.tile_count,),
-                _TILE_GROUP if session.info.kind == "cpu" else _PRIM_GROUP,
-                **self._tree,
-                **each.as_arguments(),
-                **output,
-            )
+        self._run_tiles("place_tiles", reversed(self._passes), **output)
         session.download(summary_buffer, summary)
         return BuiltTree(
             nodes,
