@@ -439,7 +439,7 @@ LIGHT_CHOICE = np.dtype(
 
 # Structs by their C names, in the order of their declarations.
 DEVICE_STRUCTS = {
-    "node_t": NODE,
+    "row_node_t": NODE,
     "bvh2_node_t": BVH2_NODE,
     "triangle_t": TRIANGLE,
     "bvh4_node_t": WIDE_NODES[4],

@@ -1,10 +1,12 @@
 // Writes the primitives of the leaves as a layout stores them, see `layouts/leaf_blocks.py`: BLOCK_WIDTH in a block.
 //
-// HAS_SPHERES as 1: centres and radii in place of points and corners.
+// HAS_SPHERES as 1: blocks of centres and radii.
 // HAS_FP64 as 1: degenerate triangles are found by the rule of `Mesh.degenerate_faces`; else the host tells them.
 //
+// points, corners                    see tree/prims.cl
 // prims[block_count * BLOCK_WIDTH]   primitives, NO_PRIM in the lanes that are left over
-// blocks[]                           structs of the layout as 4-byte lanes
+// blocks[]                           structs of the layout as 4-byte lanes, from first_block on
+// boxes[block_count]                 see tree/boxes.cl; or 0
 
 #ifndef BLOCK_WIDTH
 #define BLOCK_WIDTH 1
@@ -13,35 +15,33 @@
 #define HAS_FP64 0
 #endif
 
-// Lanes without a primitive, and degenerate triangles in a block of several.
+#include "structs.cl"
+#include "tree/boxes.cl"
+
+// In lanes without a primitive.
 #define MISSING as_float(0x7fc00000)
 
-#include "structs.cl"
-#include "math/numeric.cl"
+// centres, radii of spheres; and whether a triangle is degenerate, of devices without doubles.
+#define SHAPE_ARGUMENTS \
+    const global float *points, const global int *corners, const global float *centres, const global float *radii, \
+    const global uchar *degenerate
 
 #if HAS_SPHERES
 
-kernel void write_blocks(
-    const global float *centres, const global float *radii, const global int *prims, global float *blocks,
-    const int block_count)
+#define BLOCK_LANES (5 * BLOCK_WIDTH)
+
+INLINED void write_lane(SHAPE_ARGUMENTS, const int prim, global float *lanes)
 {
-    const int block = (int)get_global_id(0);
-    if (block >= block_count) {
-        return;
-    }
-    global float *lanes = blocks + 5 * BLOCK_WIDTH * (long)block;
-    global int *lane_ints = (global int *)lanes;
-    for (int slot = 0; slot < BLOCK_WIDTH; slot++) {
-        const int prim = prims[BLOCK_WIDTH * (long)block + slot];
-        for (int axis = 0; axis < 3; axis++) {
-            lanes[axis * BLOCK_WIDTH + slot] = prim == NO_PRIM ? MISSING : centres[3 * (long)prim + axis];
-        }
-        lanes[3 * BLOCK_WIDTH + slot] = prim == NO_PRIM ? MISSING : radii[prim];
-        lane_ints[4 * BLOCK_WIDTH + slot] = prim;
-    }
+    const float3 centre = load3(centres + 3 * (long)prim);
+    lanes[0] = centre.x;
+    lanes[BLOCK_WIDTH] = centre.y;
+    lanes[2 * BLOCK_WIDTH] = centre.z;
+    lanes[3 * BLOCK_WIDTH] = radii[prim];
 }
 
 #else
+
+#define BLOCK_LANES (10 * BLOCK_WIDTH)
 
 #if HAS_FP64
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
@@ -54,40 +54,56 @@ INLINED bool is_degenerate(const float3 a, const float3 b, const float3 c)
 }
 #endif
 
+INLINED void write_lane(SHAPE_ARGUMENTS, const int prim, global float *lanes)
+{
+    float3 own[3];
+    for (int i = 0; i < 3; i++) {
+        own[i] = load3(points + 3 * (long)corners[3 * (long)prim + i]);
+    }
+#if HAS_FP64
+    const bool is_hidden = is_degenerate(own[0], own[1], own[2]);
+#else
+    const bool is_hidden = degenerate[prim];
+#endif
+    if (is_hidden) {
+        own[0] = BLOCK_WIDTH > 1 ? (float3)(MISSING) : own[0];
+        own[1] = own[0];
+        own[2] = own[0];
+    }
+    for (int i = 0; i < 3; i++) {
+        lanes[(3 * i) * BLOCK_WIDTH] = own[i].x;
+        lanes[(3 * i + 1) * BLOCK_WIDTH] = own[i].y;
+        lanes[(3 * i + 2) * BLOCK_WIDTH] = own[i].z;
+    }
+}
+
+#endif
+
 kernel void write_blocks(
-    const global float *points, const global int *corners, const global uchar *degenerate, const global int *prims,
-    global float *blocks, const int block_count)
+    SHAPE_ARGUMENTS, const global int *prims, global float *blocks, global float *boxes, const int block_count,
+    const int first_block)
 {
     const int block = (int)get_global_id(0);
     if (block >= block_count) {
         return;
     }
-    global float *lanes = blocks + 10 * BLOCK_WIDTH * (long)block;
-    global int *lane_ints = (global int *)lanes;
+    global float *lanes = blocks + BLOCK_LANES * (first_block + (long)block);
+    box_t box = empty_box();
     for (int slot = 0; slot < BLOCK_WIDTH; slot++) {
         const int prim = prims[BLOCK_WIDTH * (long)block + slot];
-        float3 own[3];
-        for (int i = 0; i < 3; i++) {
-            const int point = prim == NO_PRIM ? 0 : corners[3 * (long)prim + i];
-            own[i] = prim == NO_PRIM ? (float3)(MISSING) : load3(points + 3 * (long)point);
+        ((global int *)lanes)[BLOCK_LANES - BLOCK_WIDTH + slot] = prim;
+        if (prim == NO_PRIM) {
+            for (int lane = 0; lane < BLOCK_LANES - BLOCK_WIDTH; lane += BLOCK_WIDTH) {
+                lanes[lane + slot] = MISSING;
+            }
+            continue;
         }
-#if HAS_FP64
-        const bool is_missing = prim != NO_PRIM && is_degenerate(own[0], own[1], own[2]);
-#else
-        const bool is_missing = prim != NO_PRIM && degenerate[prim];
-#endif
-        if (is_missing) {
-            own[0] = BLOCK_WIDTH > 1 ? (float3)(MISSING) : own[0];
-            own[1] = own[0];
-            own[2] = own[0];
+        write_lane(points, corners, centres, radii, degenerate, prim, lanes + slot);
+        if (boxes != 0) {
+            box = unite(box_of_prim(points, corners, prim), box);
         }
-        for (int i = 0; i < 3; i++) {
-            lanes[(3 * i) * BLOCK_WIDTH + slot] = own[i].x;
-            lanes[(3 * i + 1) * BLOCK_WIDTH + slot] = own[i].y;
-            lanes[(3 * i + 2) * BLOCK_WIDTH + slot] = own[i].z;
-        }
-        lane_ints[9 * BLOCK_WIDTH + slot] = prim;
+    }
+    if (boxes != 0) {
+        store_box(boxes, block, box, 0.0f);
     }
 }
-
-#endif

@@ -3,7 +3,7 @@
 // The grid is a cube around all local coordinates, which are from -1 to 1, so that its cells follow from a
 // multiplication by a power of two: a division would be rounded differently by some devices.
 
-#include "tree/prims.cl"
+#include "tree/boxes.cl"
 
 // Bits of a coordinate in one key, and in all keys.
 #define AXIS_BITS 10

@@ -5,13 +5,10 @@
 
 #include "tree/tile.cl"
 
-// A missing child has an inverted box, which no ray hits.
-#define GREATEST 0x1.fffffep+127f
-
 // The arrays of the tree: nodes in their layout, and the primitives of the leaves in theirs.
 typedef struct {
 #if AS_ROWS
-    global node_t *nodes;
+    global row_node_t *nodes;
 #elif TREE_WIDTH == 2
     global bvh2_node_t *nodes;
 #elif TREE_WIDTH == 4
@@ -61,7 +58,7 @@ INLINED void place_child(
 #if AS_ROWS
     // Behind the root's row, a pair for each interior node.
     const int first = is_a_leaf ? place.next_block : 2 * place.node + 1;
-    global node_t *row = output->nodes + (node < 0 ? 0 : 2 * node + 1 + side);
+    global row_node_t *row = output->nodes + (node < 0 ? 0 : 2 * node + 1 + side);
     global float *lower = row->aabb_min;
     global float *upper = row->aabb_max;
     row->first = first;
@@ -223,7 +220,7 @@ INLINED void place_children(
 
     int next_block = place.next_block;
     for (int i = 0; i < TREE_WIDTH; i++) {
-        box_t box = {(float3)(GREATEST), (float3)(-GREATEST)};
+        box_t box = empty_box();
         int link = 0;
         if (i < child_count) {
             box = box_of_cluster(tree, children[i]);

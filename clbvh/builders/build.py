@@ -20,6 +20,7 @@ from .options import DEFAULT_BUILDER, DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALIT
 from .sah.build_sah import build_sah
 
 if TYPE_CHECKING:
+    from ..device.info import DeviceInfo
     from .processes.pool import SubtreePool
 
 
@@ -45,10 +46,6 @@ def find_builder(name: str, options: BuildOptions) -> Builder:
         from .ladder.build_variant import build_variant
 
         return partial(build_variant, VARIANTS[name])
-    if options.quality == FAST_QUALITY:
-        from .hlbvh.build_hlbvh import build_hlbvh
-
-        return build_hlbvh
     if options.quality == HIGH_QUALITY:
         from .reinsertion.build_high import build_high
 
@@ -84,6 +81,7 @@ def build(
     task_threshold: int | None = BuildOptions.task_threshold,
     frontier: int = BuildOptions.frontier,
     quality: str = BuildOptions.quality,
+    device: DeviceInfo | str | int | None = None,
 ) -> Bvh:
     """Build a bounding volume hierarchy over a mesh.
 
@@ -103,16 +101,22 @@ def build(
     bins, leaf_size, traversal_cost, task_threshold, frontier, quality : optional
         See `clbvh.BuildOptions`. A builder ignores options that do not apply to it; a quality that it does not have
         is refused.
+    device : DeviceInfo, str, int or None
+        The OpenCL device that builds a tree of the quality ``"fast"``: a number, part of its name, ``"gpu"`` or
+        ``"cpu"``; by default a GPU, if there is one.
 
     Returns
     -------
     Bvh
-        The same bytes for any workers and any threshold. No leaf lies deeper than 64.
+        The same bytes for any workers, any threshold and any device. No leaf lies deeper than 64.
 
     Raises
     ------
     ConfigError
-        An option outside its range, an unknown builder, a quality that it does not have, or both workers and a pool.
+        An option outside its range, an unknown builder, a quality that it does not have, both workers and a pool, or a device
+        for a quality that the host builds.
+    DeviceError
+        There is no such device, or it has not enough memory.
     MeshError
         The argument does not describe a valid mesh: see `clbvh.Mesh.from_arrays` and `clbvh.load_mesh`.
     PoolError
@@ -130,16 +134,28 @@ def build(
     True
     """
     options = BuildOptions(bins, leaf_size, traversal_cost, task_threshold, frontier, quality)
-    return build_tree(as_mesh(mesh), builder, pool, options, workers)
+    return build_tree(as_mesh(mesh), builder, pool, options, workers, device)
 
 
 def build_tree(
-    shape: Bounded, builder: str, pool: SubtreePool | None, options: BuildOptions, workers: int | None = None
+    shape: Bounded,
+    builder: str,
+    pool: SubtreePool | None,
+    options: BuildOptions,
+    workers: int | None = None,
+    device: DeviceInfo | str | int | None = None,
 ) -> Bvh:
     """Build a tree over any shape as `build` does over a mesh, with the options in one struct."""
     check_workers(workers)
+    check_builder(builder, options)
+    if device is not None and options.quality != FAST_QUALITY:
+        raise ConfigError(f"only trees of quality '{FAST_QUALITY}' are built on a device: leave {device!r} out")
     if workers is not None and pool is not None:
         raise ConfigError("a build has threads of its own or the workers of a pool: leave workers or pool out")
+    if options.quality == FAST_QUALITY:
+        from .device.build_device import build_fast
+
+        return build_fast(shape, options, device)
     run = find_builder(builder, options)
     if builder in VARIANTS:
         uses_pool = VARIANTS[builder].parallel
@@ -162,10 +178,20 @@ def choose_workers(prim_count: int, builder: str, options: BuildOptions, workers
     return most if options.task_threshold is not None else max(1, min(most, prim_count // PRIMS_PER_WORKER))
 
 
-def build_shape(shape: Shape) -> Bvh:
+def build_shape(shape: Shape, quality: str = DEFAULT_QUALITY) -> Bvh:
     """Build a tree over a shape as `build` does; over spheres with leaves that suit them."""
-    options = BuildOptions(traversal_cost=_SPHERE_TRAVERSAL_COST) if isinstance(shape, Spheres) else BuildOptions()
-    return build_tree(shape, DEFAULT_BUILDER, None, options)
+    return build_tree(shape, DEFAULT_BUILDER, None, _suit(shape, quality))
+
+
+def plan_tree(shape: Shape, quality: str) -> Bvh | BuildOptions:
+    """Return the tree over a shape as `build_shape` builds it; the options of one that a device is to build."""
+    return _suit(shape, quality) if quality == FAST_QUALITY else build_shape(shape, quality)
+
+
+def _suit(shape: Shape, quality: str) -> BuildOptions:
+    """Return the options that suit the primitives of a shape."""
+    cost = _SPHERE_TRAVERSAL_COST if isinstance(shape, Spheres) else BuildOptions.traversal_cost
+    return BuildOptions(traversal_cost=cost, quality=quality)
 
 
 def build_top(boxes: Boxes) -> Bvh:

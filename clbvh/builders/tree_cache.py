@@ -13,6 +13,7 @@ import os
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..bvh import Bvh
 from ..errors import ConfigError, TreeFileError
@@ -20,8 +21,11 @@ from ..geometry import Shape
 from ..support.folders import __version__, find_cache
 from ..support.stopwatch import Stopwatch
 from .build import build_tree, choose_workers
-from .options import BuildOptions
+from .options import FAST_QUALITY, BuildOptions
 from .tree_options import TreeOptions
+
+if TYPE_CHECKING:
+    from ..device.info import DeviceInfo
 
 SUFFIX = ".tree"
 
@@ -61,7 +65,7 @@ class BuildResult:
     notes: tuple[str, ...] = ()
 
 
-def get_tree(shape: Shape, options: TreeOptions) -> BuildResult:
+def get_tree(shape: Shape, options: TreeOptions, device: DeviceInfo | str | int | None = None) -> BuildResult:
     """Return the tree over a mesh or spheres, from the cache if it is there.
 
     Raises
@@ -86,7 +90,8 @@ def get_tree(shape: Shape, options: TreeOptions) -> BuildResult:
     workers = 0
     if bvh is None:
         workers = choose_workers(shape.prim_count, options.builder, options.build, options.workers)
-        bvh = build_tree(shape, options.builder, None, options.build, options.workers)
+        on = device if options.build.quality == FAST_QUALITY else None
+        bvh = build_tree(shape, options.builder, None, options.build, options.workers, on)
         watch.lap("build")
         if path is not None:
             notes.append(keep_tree(path, bvh))

@@ -140,10 +140,12 @@ class DeviceSession(ContextManager):
             self.write(buffer, array)
         return buffer
 
-    def write(self, buffer: Any, array: NDArray[Any]) -> None:
-        """Copy an array into an existing buffer."""
+    def write(self, buffer: Any, array: NDArray[Any], *, begin: int = 0) -> None:
+        """Copy an array into an existing buffer, from a byte of it on."""
         with self._errors(f"take {array.nbytes / 1e6:,.1f} MB"):
-            event = self._cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array), is_blocking=True)
+            event = self._cl.enqueue_copy(
+                self.queue, buffer, np.ascontiguousarray(array), dst_offset=begin, is_blocking=True
+            )
         self.times.note("upload", event)
 
     def copy(self, source: Any, target: Any, size: int, *, source_begin: int = 0, target_begin: int = 0) -> None:

@@ -9,9 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Mesh, Shape
-from ..geometry.corners import bound_sphere, sphere_reach
-from ..structs import BOX_NEGATED_MAX, NO_PRIM, SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS
+from ..structs import NO_PRIM, SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS
 from ..support.compiled import compiled
+
+
+def block_struct(shape: Shape, width: int) -> np.dtype:
+    """Return the struct of a block of `width` primitives of a shape."""
+    return TRIANGLE_BLOCKS.get(width, TRIANGLE) if isinstance(shape, Mesh) else SPHERE_BLOCKS.get(width, SPHERE)
 
 
 def gather_blocks(shape: Shape, blocks: NDArray[np.int32]) -> NDArray[np.void]:
@@ -29,8 +33,7 @@ def gather_blocks(shape: Shape, blocks: NDArray[np.int32]) -> NDArray[np.void]:
         Lanes without a primitive are NaN, and so are degenerate triangles, which in `TRIANGLE` have three equal
         corners.
     """
-    width = blocks.shape[1]
-    struct = TRIANGLE_BLOCKS.get(width, TRIANGLE) if isinstance(shape, Mesh) else SPHERE_BLOCKS.get(width, SPHERE)
+    struct = block_struct(shape, blocks.shape[1])
     gathered = np.empty(len(blocks), struct)
     lanes = gathered.view(np.float32).reshape(len(blocks), struct.itemsize // 4)
     written = blocks, lanes, lanes.view(np.int32)
@@ -63,46 +66,9 @@ def _gather_spheres(centres, radii, blocks, lanes, lane_ints):
     width = blocks.shape[1]
     for block in range(len(blocks)):
         for slot in range(width):
-            _write_sphere(centres, radii, blocks[block, slot], lanes, lane_ints, block, slot, width)
-
-
-@compiled
-def _write_sphere(centres, radii, prim, lanes, lane_ints, block, slot, width):
-    """Write one lane of a block."""
-    is_missing = prim == NO_PRIM
-    for axis in range(3):
-        lanes[block, axis * width + slot] = np.nan if is_missing else centres[prim, axis]
-    lanes[block, 3 * width + slot] = np.nan if is_missing else radii[prim]
-    lane_ints[block, 4 * width + slot] = prim
-
-
-@compiled
-def write_sphere_leaves(centres, radii, leaves, prims, lanes, lane_ints, boxes):
-    """Write the blocks of each leaf, and the box around its spheres; see `RefitArrays`.
-
-    Parameters
-    ----------
-    centres, radii : (n, 3) and (n,) float32, local coordinates
-    leaves : (L, 2) int32
-    prims : (B, width) int32
-    lanes, lane_ints : (B, 5 * width) float32 and int32, the same memory, written
-    boxes : (L, 8) float32, written
-        Rows of `geometry/boxes.py`.
-    """
-    width = prims.shape[1]
-    zero, far = np.float32(0.0), np.float32(np.inf)
-    for leaf in range(len(leaves)):
-        for lane in range(boxes.shape[1]):
-            boxes[leaf, lane] = far
-        for block in range(leaves[leaf, 0], leaves[leaf, 1]):
-            for slot in range(width):
-                prim = prims[block, slot]
-                _write_sphere(centres, radii, prim, lanes, lane_ints, block, slot, width)
-                if prim == NO_PRIM:
-                    continue
-                reach = sphere_reach(radii[prim])
-                for axis in range(3):
-                    lower, upper = bound_sphere(centres[prim, axis], reach)
-                    # Zero is added, because -0.0 would have other bytes.
-                    boxes[leaf, axis] = min(boxes[leaf, axis], lower + zero)
-                    boxes[leaf, BOX_NEGATED_MAX + axis] = min(boxes[leaf, BOX_NEGATED_MAX + axis], zero - upper)
+            prim = blocks[block, slot]
+            is_missing = prim == NO_PRIM
+            for axis in range(3):
+                lanes[block, axis * width + slot] = np.nan if is_missing else centres[prim, axis]
+            lanes[block, 3 * width + slot] = np.nan if is_missing else radii[prim]
+            lane_ints[block, 4 * width + slot] = prim

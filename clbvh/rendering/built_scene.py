@@ -82,7 +82,7 @@ class BuiltScene:
             self._build()
 
     def _build(self) -> None:
-        made = [get_tree(shape, self._options) for shape in self.state.shapes]
+        made = [get_tree(shape, self._options, self._options.device) for shape in self.state.shapes]
         self.trees = tuple(each.bvh for each in made)
         self.made = BuildResult(
             made[0].bvh,

@@ -73,8 +73,7 @@ class Moves(ContextManager):
             raise ConfigError("a tracer of a scene moves one geometry: call set_vertices(geometry, vertices)")
         with self._changing() as (call, world):
             mesh = self.mesh.with_vertices(vertices)
-            moved = self._changes.set_shape(world, 0, mesh, call.session, call.threads, rebuilds=False)
-            self._use(moved)
+            self._use(self._changes.set_shape(world, 0, mesh, call.session))
 
     def set_transforms(self, instances: Instance | int | Iterable[Instance | int], transforms: ArrayLike) -> None:
         """Move instances of a scene: only the tree over the instances is built anew.
@@ -154,7 +153,7 @@ class Moves(ContextManager):
         with self._changing() as (call, world):
             geometry_id, shape = self._changes.find_shape(world, geometry)
             moved = shape.with_spheres(vertices) if isinstance(shape, Spheres) else shape.with_vertices(vertices)
-            self._use(self._changes.set_shape(world, geometry_id, moved, call.session, call.threads))
+            self._use(self._changes.set_shape(world, geometry_id, moved, call.session))
 
     @property
     def mesh(self) -> Mesh:
@@ -221,7 +220,7 @@ class Moves(ContextManager):
             if not isinstance(shape, Spheres):
                 raise SceneError(f"{geometry!r} is a mesh and has no spheres: call set_vertices(geometry, vertices)")
             moved = shape.with_spheres(centres, radii)
-            self._use(self._changes.set_shape(world, geometry_id, moved, call.session, call.threads))
+            self._use(self._changes.set_shape(world, geometry_id, moved, call.session))
 
     @contextmanager
     def _changing(self) -> Iterator[tuple[Call, World]]:

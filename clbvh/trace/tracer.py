@@ -6,7 +6,7 @@ Its queries are in `ray_queries` and `point_queries`, its changes in `moves`.
 from __future__ import annotations
 
 import threading
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
@@ -20,6 +20,9 @@ from .ray_queries import RayQueries
 from .world.changes import Changes
 from .world.trees import check_layout
 from .world.world import open_world
+
+if TYPE_CHECKING:
+    from ..builders.options import BuildOptions
 
 Traceable: TypeAlias = Scene | Bvh | MeshLike
 """Anything that rays can be cast at: a `Scene`, a `Bvh`, or a `MeshLike`."""
@@ -40,13 +43,16 @@ class Tracer(RayQueries, PointQueries):
         The device: a number, part of its name, ``"gpu"`` or ``"cpu"``; by default a GPU, if there is one.
     layout : str
         ``"auto"``, ``"bvh2"``, ``"bvh4"`` or ``"bvh8"``.
+    quality : str
+        Of the trees that are built, now or because shapes have moved: ``"default"``; ``"fast"``, built on the device,
+        which suits meshes that change; or ``"high"``. See `clbvh.BuildOptions`. A finished tree is taken as it is.
 
     Raises
     ------
     DeviceError
         There is no such device, the tree does not fit it, or this process was forked from one that has used OpenCL.
     ConfigError
-        An unknown layout.
+        An unknown layout or quality.
     MeshError
         The source is neither a tree nor a valid mesh.
 
@@ -65,18 +71,20 @@ class Tracer(RayQueries, PointQueries):
         *,
         device: DeviceInfo | str | int | None = None,
         layout: str = "auto",
+        quality: str = "default",
     ) -> None:
         check_layout(layout)
         scene = source if isinstance(source, Scene) else Scene(_find_mesh(source))
         state = scene.snapshot()
-        bvhs = [source] if isinstance(source, Bvh) else _build_trees(state)
+        # A tree on the device is built once that is open.
+        plans = [source] if isinstance(source, Bvh) else _plan_trees(state, quality)
         session = DeviceSession(device)
         try:
-            self._caster = Caster(session, open_world(session, state, bvhs, layout))
+            self._caster = Caster(session, open_world(session, state, plans, layout))
         except BaseException:
             session.close()
             raise
-        self._changes = Changes(scene, state)
+        self._changes = Changes(scene, state, quality)
         self._updating = threading.Lock()
 
     @property
@@ -132,8 +140,8 @@ def _find_mesh(source: Bvh | MeshLike) -> Mesh:
     return source.mesh if isinstance(source, Bvh) else as_mesh(source, or_else="a clbvh.Bvh")
 
 
-def _build_trees(state: SceneState) -> list[Bvh]:
+def _plan_trees(state: SceneState, quality: str) -> list[Bvh | BuildOptions]:
     # Imported here: a tracer of a finished tree needs no builder.
-    from ..builders.build import build_shape
+    from ..builders.build import plan_tree
 
-    return [build_shape(shape) for shape in state.shapes]
+    return [plan_tree(shape, quality) for shape in state.shapes]

@@ -16,61 +16,17 @@ from numpy.typing import ArrayLike, NDArray
 from ...device.session import DeviceSession
 from ...errors import SceneError
 from ...geometry import Shape
-from ...layouts.refit_arrays import RefitArrays, read_topology
 from ...scene.handles import Geometry, Instance
 from ...scene.scene import Scene
 from ...scene.state import SceneState
 from ...scene.transforms import check_transforms
-from ...support.host_threads import HostThreads
+from .refit import Refit
 from .tree_box import TreeBox
-from .trees import DeviceTrees, RetiredBuffers, describe_tree
+from .trees import DeviceTrees, NewTree, RetiredBuffers
 from .world import World, place
 
 # A geometry's tree is built anew when its SAH cost has grown by this factor.
 REBUILD_GROWTH = 1.3
-
-
-class Refit:
-    """Writes the tree of one geometry, for one shape after the other.
-
-    Parameters
-    ----------
-    trees : DeviceTrees
-    geometry_id : int
-    session : DeviceSession
-        A branch of the owner's, for this thread.
-
-    Attributes
-    ----------
-    sah_growth : float
-        The SAH cost of the tree as it was last written, divided by that of the tree that was built.
-    """
-
-    def __init__(self, trees: DeviceTrees, geometry_id: int, session: DeviceSession) -> None:
-        self.sah_growth, self._built_cost = 1.0, 0.0
-        with trees.mapped(session, geometry_id, write=False) as arrays:
-            self._arrays = RefitArrays(read_topology(*arrays, trees.layout))
-
-    def write(
-        self, built: Shape, shape: Shape, nodes: NDArray[np.void], blocks: NDArray[np.void], threads: HostThreads
-    ) -> TreeBox:
-        """Write nodes and blocks for a shape, and return the box around them.
-
-        Parameters
-        ----------
-        built : Mesh or Spheres
-            The shape that the tree was built over.
-        shape : Mesh or Spheres
-        nodes, blocks, threads
-            See `RefitArrays.write`.
-        """
-        if self._built_cost == 0.0:
-            # Only those who move a geometry ask how the cost has grown.
-            self._arrays.write(built, nodes, blocks, threads)
-            self._built_cost = self._arrays.sah_cost
-        self._arrays.write(shape, nodes, blocks, threads)
-        self.sah_growth = self._arrays.sah_cost / self._built_cost
-        return TreeBox(shape.origin, shape.scale, self._arrays.half)
 
 
 class Changes:
@@ -82,10 +38,12 @@ class Changes:
         Its handles name geometries and instances. Later changes of it are not seen.
     opened : SceneState
         The scene as it was opened.
+    quality : str
+        Of the trees that are built anew.
     """
 
-    def __init__(self, scene: Scene, opened: SceneState) -> None:
-        self._scene, self._opened = scene, opened
+    def __init__(self, scene: Scene, opened: SceneState, quality: str) -> None:
+        self._scene, self._opened, self._quality = scene, opened, quality
         self._refits: dict[int, Refit] = {}
         self._retired = RetiredBuffers()
 
@@ -128,26 +86,16 @@ class Changes:
             raise SceneError(f"{geometry!r} was added after the tracer was opened: open a new tracer")
         return geometry_id, shapes[geometry_id]
 
-    def set_shape(
-        self,
-        world: World,
-        geometry_id: int,
-        shape: Shape,
-        session: DeviceSession,
-        threads: HostThreads,
-        *,
-        rebuilds: bool = True,
-    ) -> World:
+    def set_shape(self, world: World, geometry_id: int, shape: Shape, session: DeviceSession) -> World:
         """Return a world with another shape of a geometry: its tree is refitted or, where that pays, built anew."""
-        refit = self._refits.get(geometry_id)
+        refit, before = self._refits.get(geometry_id), world.trees
         if refit is None:
-            refit = self._refits[geometry_id] = Refit(world.trees, geometry_id, session)
-        before = world.trees
+            built = world.state.shapes[geometry_id]
+            refit = self._refits[geometry_id] = Refit(before, geometry_id, built, session)
         trees = before.with_room(session, geometry_id, before.trees[geometry_id], self._retired)
-        with trees.mapped(session, geometry_id, write=True) as arrays:
-            box = refit.write(world.state.shapes[geometry_id], shape, *arrays, threads)
-        if rebuilds and refit.sah_growth > REBUILD_GROWTH:
-            del trees, arrays  # the device need not have room for them and for the next ones
+        box = refit.write(before, trees, geometry_id, shape, session)
+        if refit.sah_growth > REBUILD_GROWTH:
+            del trees  # the device need not have room for it and for the next one
             trees, box = self._rebuild(before, geometry_id, shape, session)
         if geometry_id == 0:
             trees = replace(trees, box=box)
@@ -165,15 +113,13 @@ class Changes:
     ) -> tuple[DeviceTrees, TreeBox]:
         """Return the trees with that of a geometry built anew, and the box around it."""
         # Imported here: most tracers build no second tree.
-        from ...builders.build import build_shape
+        from ...builders.build import plan_tree
 
         self._refits.pop(geometry_id, None)
-        bvh = build_shape(shape)
-        tree, built = describe_tree(shape, bvh, before.layout)
-        trees = before.with_room(session, geometry_id, tree, self._retired)
-        with trees.mapped(session, geometry_id, write=True) as (nodes, blocks):
-            nodes[:], blocks[:] = built.nodes, built.blocks
-        return trees, TreeBox.around(bvh)
+        new = NewTree.make(session, shape, plan_tree(shape, self._quality), before.layout)
+        trees = before.with_room(session, geometry_id, new.tree, self._retired)
+        trees.put(session, geometry_id, new)
+        return trees, new.box
 
     def _check_known(self, instance_ids: NDArray[np.int64]) -> None:
         """Raise unless the instances were there when the tracer was opened."""

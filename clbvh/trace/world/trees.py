@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from threading import Lock
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 from weakref import ref
 
 import numpy as np
@@ -22,8 +22,13 @@ from ...device.session import DeviceSession
 from ...errors import ConfigError, SceneError
 from ...geometry import Mesh, Shape
 from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
-from ...structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, PRIM_KINDS
+from ...layouts.device_prims import DevicePrims
+from ...layouts.leaf_blocks import block_struct
+from ...structs import BVH2_NODE, ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, PRIM_KINDS, WIDE_NODES
 from .tree_box import TreeBox
+
+if TYPE_CHECKING:
+    from ...builders.options import BuildOptions
 
 BRUTE = "brute"
 
@@ -119,6 +124,70 @@ class Tree(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
+class NewTree:
+    """A tree that is not yet in its place among others.
+
+    Attributes
+    ----------
+    tree : Tree
+    nodes, blocks : arrays of structs, or buffers
+    box : TreeBox
+    """
+
+    tree: Tree
+    nodes: Any
+    blocks: Any
+    box: TreeBox
+
+    @classmethod
+    def make(cls, session: DeviceSession, shape: Shape, plan: Bvh | BuildOptions, layout: str) -> Self:
+        """Return a finished tree, or one that the device builds by the options."""
+        return cls.from_host(shape, plan, layout) if isinstance(plan, Bvh) else cls.build(session, shape, plan, layout)
+
+    @classmethod
+    def from_host(cls, shape: Shape, bvh: Bvh, layout: str) -> Self:
+        """Return a finished tree.
+
+        Raises
+        ------
+        ConfigError
+            It is too deep.
+        """
+        return cls._of_arrays(shape, make_device_arrays(bvh, layout), layout, bvh.depth, TreeBox.around(bvh))
+
+    @classmethod
+    def without_nodes(cls, shape: Shape) -> Self:
+        """Return the primitives alone, for the layout ``"brute"``."""
+        return cls._of_arrays(shape, list_prims(shape), BRUTE, 0, TreeBox.of_shape(shape))
+
+    @classmethod
+    def _of_arrays(cls, shape: Shape, arrays: DeviceArrays, layout: str, depth: int, box: TreeBox) -> Self:
+        stack_size = pad_stack(layout, arrays.stack_size, depth)
+        tree = Tree(_kind_of(shape), 0, len(arrays.nodes), 0, len(arrays.blocks), stack_size)
+        return cls(tree, arrays.nodes, arrays.blocks, box)
+
+    @classmethod
+    def build(cls, session: DeviceSession, shape: Shape, options: BuildOptions, layout: str) -> Self:
+        """Build a tree on the device; its arrays never leave it.
+
+        Raises
+        ------
+        DeviceError
+            The device has not enough memory.
+        """
+        # Imported here: a tracer of a finished tree needs no builder.
+        from ...builders.device.build_device import TreeForm, build_tree_on
+
+        form, prims = TreeForm.of_layout(layout), DevicePrims(session, session, shape)
+        built = build_tree_on(session, prims, options, form)
+        blocks = prims.make_blocks(session, form.block_width, built.prims, built.block_count)
+        stack_size = pad_stack(layout, built.stack_size, built.stack_size)
+        half = np.maximum(np.abs(built.lower), np.abs(built.upper)).astype(np.float64)
+        tree = Tree(_kind_of(shape), 0, built.node_count, 0, built.block_count, stack_size)
+        return cls(tree, built.nodes, blocks, TreeBox(shape.origin, shape.scale, half))
+
+
+@dataclass(frozen=True, eq=False)
 class DeviceTrees:
     """The trees of all shapes in the memory of a device.
 
@@ -146,44 +215,53 @@ class DeviceTrees:
     _host_view: HostView = field(default_factory=lambda: HostView(), repr=False)
 
     @classmethod
-    def upload(cls, session: DeviceSession, shapes: Sequence[Shape], bvhs: Sequence[Bvh] | None, layout: str) -> Self:
-        """Put trees on a device.
+    def join(cls, session: DeviceSession, shapes: Sequence[Shape], trees: Sequence[NewTree], layout: str) -> Self:
+        """Put trees into their places on a device.
 
         Parameters
         ----------
         session : DeviceSession
         shapes : sequence of Mesh or Spheres
-        bvhs : sequence of Bvh, or None
-            One for each shape; None for the layout ``"brute"``.
+        trees : sequence of NewTree
+            One for each shape.
         layout : str
 
         Raises
         ------
-        ConfigError
-            A tree is too deep.
         SceneError
             There are more nodes or primitives than int32 counts.
         DeviceError
             The trees do not fit the device.
         """
-        arrays = [
-            list_prims(shape) if bvhs is None else make_device_arrays(bvhs[geometry_id], layout)
-            for geometry_id, shape in enumerate(shapes)
-        ]
-        depths = [0] * len(arrays) if bvhs is None else [bvh.depth for bvh in bvhs]
-        trees: list[Tree] = []
-        joined: dict[str, list[NDArray[np.void]]] = {"nodes": [], **{name: [] for name in _BLOCK_BUFFERS.values()}}
-        for shape, own, depth in zip(shapes, arrays, depths, strict=True):
-            trees.append(_describe(shape, own, layout, depth))
-            joined["nodes"].append(own.nodes)
-            joined[_BLOCK_BUFFERS[trees[-1].kind]].append(own.blocks)
-        buffers = {}
-        for name, parts in joined.items():
-            if parts:
-                buffers[name] = session.upload(parts[0] if len(parts) == 1 else np.concatenate(parts))
-        dtypes = {name: joined[name][0].dtype for name in buffers}
-        box = TreeBox.of_shape(shapes[0]) if bvhs is None else TreeBox.around(bvhs[0])
-        return cls(session, layout, _place(trees), buffers, dtypes, box)
+        width = LAYOUT_WIDTHS.get(layout, 2)
+        dtypes = {"nodes": WIDE_NODES.get(width, BVH2_NODE)}
+        for shape, new in zip(shapes, trees, strict=True):
+            dtypes[_BLOCK_BUFFERS[new.tree.kind]] = block_struct(shape, width if width > 2 else 1)
+        joined = cls(session, layout, _place([new.tree for new in trees]), {}, dtypes, trees[0].box)
+        if len(trees) == 1:
+            # A tree that was built there stays where it is.
+            for (name, _, _), items in zip(_list_arrays(joined.trees[0]), (trees[0].nodes, trees[0].blocks), strict=True):
+                joined.buffers[name] = session.upload(items) if isinstance(items, np.ndarray) else items
+            return joined
+        for name, size in joined._sizes().items():
+            joined.buffers[name] = session.allocate(size, writable=False)
+        for geometry_id, new in enumerate(trees):
+            joined.put(session, geometry_id, new)
+        return joined
+
+    def put(self, session: DeviceSession, geometry_id: int, new: NewTree) -> None:
+        """Write a tree into its place."""
+        arrays = _list_arrays(self.trees[geometry_id])
+        for (name, first, count), items in zip(arrays, (new.nodes, new.blocks), strict=True):
+            item_bytes = self.dtypes[name].itemsize
+            if not isinstance(items, np.ndarray):
+                session.copy(items, self.buffers[name], count * item_bytes, target_begin=first * item_bytes)
+            elif count > 0:
+                session.write(self.buffers[name], items, begin=first * item_bytes)
+
+    def block_buffer(self, geometry_id: int) -> str:
+        """Return the name of the buffer with the blocks of a tree."""
+        return _BLOCK_BUFFERS[self.trees[geometry_id].kind]
 
     @property
     def ranges(self) -> NDArray[np.int32]:
@@ -207,7 +285,7 @@ class DeviceTrees:
 
     def _sizes(self) -> dict[str, int]:
         """Return the bytes of each buffer."""
-        sizes = dict.fromkeys(self.buffers, 0)
+        sizes = dict.fromkeys(self.dtypes, 0)
         for tree in self.trees:
             for name, _, count in _list_arrays(tree):
                 sizes[name] += count * self.dtypes[name].itemsize
@@ -260,16 +338,8 @@ class DeviceTrees:
         return moved
 
 
-def _describe(shape: Shape, arrays: DeviceArrays, layout: str, depth: int) -> Tree:
-    """Return a tree that is not yet in its place."""
-    kind = PRIM_KINDS["triangles" if isinstance(shape, Mesh) else "spheres"]
-    return Tree(kind, 0, len(arrays.nodes), 0, len(arrays.blocks), pad_stack(layout, arrays.stack_size, depth))
-
-
-def describe_tree(shape: Shape, bvh: Bvh, layout: str) -> tuple[Tree, DeviceArrays]:
-    """Return a tree that is not yet in its place, and its arrays."""
-    arrays = make_device_arrays(bvh, layout)
-    return _describe(shape, arrays, layout, bvh.depth), arrays
+def _kind_of(shape: Shape) -> int:
+    return PRIM_KINDS["triangles" if isinstance(shape, Mesh) else "spheres"]
 
 
 def _place(trees: Sequence[Tree]) -> tuple[Tree, ...]:

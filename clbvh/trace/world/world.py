@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,10 @@ from .metrics import LazyMetrics
 from .surface_arrays import SurfaceArrays, lone_arrays, make_surface_arrays, move_instances
 from .top_tree import TopTree
 from .tree_box import TreeBox
-from .trees import BRUTE, DeviceTrees, WideArrays, check_layout
+from .trees import BRUTE, DeviceTrees, NewTree, WideArrays, check_layout
+
+if TYPE_CHECKING:
+    from ...builders.options import BuildOptions
 
 # No builder's tree is deeper, so that all worlds share one compiled kernel.
 _TOP_STACK_SIZE = 64
@@ -156,7 +159,9 @@ def is_lone(state: SceneState) -> bool:
     return state.lone_shape is not None and int(state.geometry_ids[0]) == 0
 
 
-def open_world(session: DeviceSession, state: SceneState, bvhs: Sequence[Bvh] | None, layout: str = "auto") -> World:
+def open_world(
+    session: DeviceSession, state: SceneState, bvhs: Sequence[Bvh | BuildOptions] | None, layout: str = "auto"
+) -> World:
     """Put a scene on a device.
 
     Parameters
@@ -165,8 +170,8 @@ def open_world(session: DeviceSession, state: SceneState, bvhs: Sequence[Bvh] | 
         Owns the buffers.
     state : SceneState
         At least one instance.
-    bvhs : sequence of Bvh, or None
-        The tree of each geometry. None: no tree but the one over the instances, and the layout ``"brute"``, whatever is
+    bvhs : sequence of Bvh or BuildOptions, or None
+        The tree of each geometry, or the options by which the device builds it. None: no tree but the one over the instances, and the layout ``"brute"``, whatever is
         asked: each primitive of an instance is tested against each ray that meets its box.
     layout : str
         Of the geometries' trees; ``"auto"`` takes what suits the device.
@@ -184,7 +189,11 @@ def open_world(session: DeviceSession, state: SceneState, bvhs: Sequence[Bvh] | 
         raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
     check_layout(layout)
     chosen = BRUTE if bvhs is None else session.settings.layout if layout == "auto" else layout
-    trees = DeviceTrees.upload(session, state.shapes, bvhs, chosen)
+    new = [
+        NewTree.without_nodes(shape) if bvhs is None else NewTree.make(session, shape, bvhs[geometry_id], chosen)
+        for geometry_id, shape in enumerate(state.shapes)
+    ]
+    trees = DeviceTrees.join(session, state.shapes, new, chosen)
     return place(trees, state, session)
 
 

@@ -1,0 +1,116 @@
+"""The primitives of a shape on a device: what builds read, and the blocks of a tree's leaves, written there.
+
+The blocks have the bytes of `leaf_blocks.py`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..device.program import build_kernel
+from ..device.session import DeviceSession, ReusableBuffer
+from ..geometry import Mesh, Spheres
+from ..geometry.corners import Bounded, find_corners
+from .leaf_blocks import block_struct
+
+_WORK_GROUP = (64,)
+
+
+class DevicePrims:
+    """The primitives of one shape on a device, and of others that follow it, of as many primitives.
+
+    Parameters
+    ----------
+    owner : DeviceSession
+        Owns the buffers.
+    session : DeviceSession
+        The owner, or a branch of it for this thread.
+    shape : Mesh, Spheres or Boxes
+
+    Attributes
+    ----------
+    points : buffer of (m, 3) float32
+    corners : buffer of (n, 3) int32
+        See `geometry.corners.Corners`.
+    shape : Mesh, Spheres or Boxes
+        The one that was put last.
+    """
+
+    def __init__(self, owner: DeviceSession, session: DeviceSession, shape: Bounded) -> None:
+        self._buffers = {name: ReusableBuffer(owner) for name in ("points", "corners", "centres", "radii", "degenerate")}
+        self.put(session, shape)
+
+    def put(self, session: DeviceSession, shape: Bounded) -> None:
+        """Put a shape into the buffers; the corners of a mesh, its faces, are there already after the first."""
+        corners = find_corners(shape)
+        is_first = not hasattr(self, "shape")
+        self.points = self._write(session, "points", corners.points)
+        if is_first or not isinstance(shape, Mesh):
+            self.corners = self._write(session, "corners", corners.ids)
+        self._sources: dict[str, Any] = dict.fromkeys(("centres", "radii", "degenerate"))
+        if isinstance(shape, Spheres):
+            self._sources["centres"] = self._write(session, "centres", shape.local_centres)
+            self._sources["radii"] = self._write(session, "radii", shape.local_radii)
+        elif isinstance(shape, Mesh) and not session.info.has_fp64:
+            self._sources["degenerate"] = self._write(session, "degenerate", shape.degenerate_faces.view(np.uint8))
+        self.shape = shape
+
+    def write_blocks(
+        self,
+        session: DeviceSession,
+        block_width: int,
+        prims: Any,
+        block_count: int,
+        blocks: Any,
+        *,
+        first_block: int = 0,
+        boxes: Any = None,
+    ) -> None:
+        """Write blocks, and the boxes around them.
+
+        Parameters
+        ----------
+        session : DeviceSession
+        block_width : int
+            Primitives of a block, see `leaf_blocks.gather_blocks`.
+        prims : buffer of (block_count, block_width) int32
+        block_count : int
+        blocks : buffer of structs, written
+        first_block : int
+            Where in `blocks` those begin.
+        boxes : buffer of (block_count, 8) float32, optional, written
+            Rows of the lower corner, a number that means nothing, the upper corner, and another such number.
+        """
+        is_spheres = isinstance(self.shape, Spheres)
+        defines = {
+            "BLOCK_WIDTH": block_width,
+            "HAS_SPHERES": int(is_spheres),
+            "HAS_FP64": int(session.info.has_fp64 and not is_spheres),
+        }
+        session.run(
+            build_kernel(session, "write_blocks", defines),
+            (block_count,),
+            _WORK_GROUP,
+            points=self.points,
+            corners=self.corners,
+            **self._sources,
+            prims=prims,
+            blocks=blocks,
+            boxes=boxes,
+            block_count=np.int32(block_count),
+            first_block=np.int32(first_block),
+        )
+
+    def make_blocks(self, session: DeviceSession, block_width: int, prims: Any, block_count: int) -> Any:
+        """Return a new buffer of the blocks."""
+        blocks = session.allocate(block_count * block_struct(self.shape, block_width).itemsize)  # type: ignore[arg-type]
+        self.write_blocks(session, block_width, prims, block_count, blocks)
+        return blocks
+
+    def _write(self, session: DeviceSession, name: str, array: NDArray[Any]) -> Any:
+        buffer = self._buffers[name].take(max(1, array.nbytes))
+        session.write(buffer, array)
+        return buffer

@@ -1,0 +1,127 @@
+"""The tree of one geometry, written on the device around primitives that have moved; its links stay the same.
+
+The blocks first, then the nodes, level by level from the leaves. The result has the bytes that `layouts` would make of
+the refitted tree, had it chosen the same wide nodes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...device.program import build_kernel
+from ...device.session import DeviceSession
+from ...geometry import Shape
+from ...layouts.device_prims import DevicePrims
+from ...structs import BOX_LANES, LAYOUT_WIDTHS
+from ...support.compiled import compiled
+from .tree_box import TreeBox
+from .trees import DeviceTrees
+
+_WORK_GROUP = (64,)
+
+
+class Refit:
+    """Writes the tree of one geometry, for one shape after the other.
+
+    Parameters
+    ----------
+    trees : DeviceTrees
+    geometry_id : int
+    built : Mesh or Spheres
+        The shape that the tree was built over.
+    session : DeviceSession
+        A branch of the owner's, for this thread.
+
+    Attributes
+    ----------
+    sah_growth : float
+        The SAH cost of the tree as it was last written, divided by that of the tree that was built: the expected number
+        of nodes and blocks that a random ray through the root's box meets, see `bvh/bvh.py`.
+    """
+
+    def __init__(self, trees: DeviceTrees, geometry_id: int, built: Shape, session: DeviceSession) -> None:
+        self.sah_growth, self._built, self._built_cost = 1.0, built, 0.0
+        owner, self._tree = trees.session, trees.trees[geometry_id]
+        self._width = LAYOUT_WIDTHS[trees.layout]
+        self._block_width = self._width if self._width > 2 else 1
+        with trees.mapped(session, geometry_id, write=False) as (nodes, blocks):
+            levels = find_levels(list_children(nodes))
+            prims = blocks["prim_id"].reshape(-1).copy()
+        order = np.argsort(levels, kind="stable").astype(np.int32)
+        self._level_ends = np.cumsum(np.bincount(levels)).tolist()
+        self._order, self._prim_ids = owner.upload(order), owner.upload(prims)
+        self._block_boxes = owner.allocate(self._tree.block_count * BOX_LANES * 4)
+        self._node_boxes = owner.allocate(self._tree.node_count * BOX_LANES * 4)
+        self._prims = DevicePrims(owner, session, built)
+
+    def write(self, before: DeviceTrees, moved: DeviceTrees, geometry_id: int, shape: Shape, session: Any) -> TreeBox:
+        """Write the tree for a shape, and return the box around it.
+
+        Parameters
+        ----------
+        before, moved : DeviceTrees
+            Those with the links, and those to write, in which the tree has the same size.
+        geometry_id : int
+        shape : Mesh or Spheres
+        session : DeviceSession
+            A branch of the owner's, for this thread.
+        """
+        if self._built_cost == 0.0:
+            # Only those who move a geometry ask how the cost has grown.
+            self._built_cost, _ = self._write(before, moved, geometry_id, session)
+        self._prims.put(session, shape)
+        cost, box = self._write(before, moved, geometry_id, session)
+        self.sah_growth = cost / self._built_cost
+        return TreeBox(shape.origin, shape.scale, box)
+
+    def _write(
+        self, before: DeviceTrees, moved: DeviceTrees, geometry_id: int, session: DeviceSession
+    ) -> tuple[float, NDArray[np.float64]]:
+        """Write the tree; return its cost, and half the size of the box symmetric about zero."""
+        tree = moved.trees[geometry_id]
+        blocks = moved.buffers[moved.block_buffer(geometry_id)]
+        self._prims.write_blocks(
+            session, self._block_width, self._prim_ids, tree.block_count, blocks, first_block=tree.first_block,
+            boxes=self._block_boxes,
+        )  # fmt: skip
+        kernel = build_kernel(session, "refit_nodes", {"TREE_WIDTH": self._width})
+        begin = 0
+        for end in self._level_ends:
+            session.run(
+                kernel, (end - begin,), _WORK_GROUP,
+                order=self._order, begin=np.int32(begin), end=np.int32(end), links=before.buffers["nodes"],
+                first_link=np.int32(before.trees[geometry_id].first_node), nodes=moved.buffers["nodes"],
+                first_node=np.int32(tree.first_node), block_boxes=self._block_boxes, node_boxes=self._node_boxes,
+            )  # fmt: skip
+            begin = end
+        lanes = tree.node_count * BOX_LANES
+        with session.mapped(self._node_boxes, lanes, np.dtype(np.float32), write=False) as boxes:
+            rows = boxes.reshape(-1, BOX_LANES)
+            area, root = float(rows[:, 3].sum(dtype=np.float64)), rows[0].astype(np.float64)
+        x, y, z = root[4:7] - root[:3]
+        root_area = x * y + y * z + z * x
+        everything = tree.node_count + tree.block_count
+        return 1.0 + area / root_area if root_area > 0.0 else everything, np.maximum(abs(root[:3]), abs(root[4:7]))
+
+
+def list_children(nodes: NDArray[np.void]) -> NDArray[np.int32]:
+    """Return the nodes below each node of a device's tree, (N, width), with 0 in place of leaves and missing ones."""
+    if "child" in (nodes.dtype.names or ()):
+        return np.maximum(nodes["child"], 0)
+    is_node = (nodes["count"] == 0) & (nodes["aabb_min"][:, :, 0] <= nodes["aabb_max"][:, :, 0])
+    return np.where(is_node, nodes["first"], 0)
+
+
+@compiled
+def find_levels(children):
+    """Return how far the farthest leaf is below each node, (N,) int64; children stand behind their parent."""
+    levels = np.zeros(len(children), np.int64)
+    for node in range(len(children) - 1, -1, -1):
+        for slot in range(children.shape[1]):
+            child = children[node, slot]
+            if child > 0:
+                levels[node] = max(levels[node], levels[child] + 1)
+    return levels
