@@ -8,8 +8,8 @@ The rules:
 
 - lines of at most 120 characters, no trailing space, no tab, exactly one newline at the end of the file;
 - an include names a file below one of `INCLUDE_ROOTS`, as the host resolves it (`clbvh/device/program.py`);
-- no built-in function whose result OpenCL leaves to the driver, no double and no 64-bit atomic: answers are the same on
-  every device;
+- no built-in function whose result OpenCL leaves to the driver and no 64-bit atomic: answers are the same on every
+  device; no double, except in a file that enables them;
 - an include is used: the file uses an identifier that the included file defines, or one that it includes in turn and
   that no other include of the file brings. Macros, functions, structs and typedefs define identifiers; words in
   comments and strings are no uses.
@@ -41,8 +41,10 @@ MAX_LINE = 120
 # functions of vectors that are needed, written out.
 _UNPORTABLE = re.compile(
     r"\b(?:(?:native|half|fast|atom)_\w+|normalize|length|distance|dot|cross|mix|mad|step|smoothstep|rsqrt|rootn|cbrt"
-    r"|hypot|fmod|pow[nr]?|exp(?:2|10|m1)?|log(?:2|10|1p)?|sincos|a?(?:sin|cos|tan)h?(?:pi)?|atan2)\s*\(|\bdouble\d*\b"
+    r"|hypot|fmod|pow[nr]?|exp(?:2|10|m1)?|log(?:2|10|1p)?|sincos|a?(?:sin|cos|tan)h?(?:pi)?|atan2)\s*\("
 )
+_DOUBLE = re.compile(r"\b(?:convert_)?double\d*\b")
+_ENABLES_DOUBLE = "#pragma OPENCL EXTENSION cl_khr_fp64 : enable"
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _ANY_INCLUDE = re.compile(r"^\s*#\s*include\b")
@@ -111,10 +113,12 @@ class Linter:
         return sorted([*_check_text(path.read_bytes().decode("utf-8")), *self._check_includes(self._read(path))])
 
     def _check_includes(self, source: Source) -> Iterator[tuple[int, str]]:
+        has_doubles = _ENABLES_DOUBLE in source.lines
         for number, line in enumerate(source.lines, start=1):
             if _ANY_INCLUDE.match(line) and not _INCLUDE.match(line):
                 yield number, "an include is a line of its own, '#include \"NAME\"': the host expands no other"
-            if found := _UNPORTABLE.search(_blank(line)):
+            text = _blank(line)
+            if found := _UNPORTABLE.search(text) or (None if has_doubles else _DOUBLE.search(text)):
                 yield number, f"'{found[0].rstrip(' (')}' differs between devices, or not all have it"
         for number, name, is_kept in source.includes:
             included = self._find(name)

@@ -38,8 +38,8 @@
     const tree_t tree = { \
         {points, corners, pairs}, merges, choices, is_node, placements, leaf_size, traversal_cost, block_price}
 
-// Write the pair of each primitive: its key, or for `is_fine` its finer one, and itself. The primitives are in their own
-// order, or for `is_coarse_after` in that of the pairs, which then gets the coarser key.
+// Write the pair of each primitive: its key, or with `is_fine` its finer one, and its number. The primitives come in
+// their own order; with `is_second` in that of the pairs, which a first sort has put into the order of the finer keys.
 kernel void make_keys(
     const global float *points, const global int *corners, global ulong *pairs, const int prim_count, const int is_fine,
     const int is_second)

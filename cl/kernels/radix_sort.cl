@@ -1,5 +1,5 @@
-// One pass of a stable radix sort of pairs by a digit of their keys: count, sum up, scatter (Satish, Harris and Garland,
-// "Designing efficient sorting algorithms for manycore GPUs", 2009).
+// One pass of a stable radix sort of pairs by a digit of their keys: count, sum up, scatter (Satish, Harris and
+// Garland, "Designing efficient sorting algorithms for manycore GPUs", 2009).
 //
 // DIGIT_BITS     bits of a digit
 // GROUP_SIZE     items of a work-group. A CPU has one, whose counters stay in its cache, and no barrier

@@ -73,7 +73,7 @@ kernel void refit_nodes(
         node->aabb_max[2][i] = box.upper.z;
 #endif
         around_all = unite(box, around_all);
-        area += is_missing ? 0.0f : half_area(box) * cost;
+        area += is_missing ? 0.0f : box_area(box) * cost;
     }
     store_box(node_boxes, number, around_all, area);
 }

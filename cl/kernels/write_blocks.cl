@@ -18,6 +18,9 @@
 #include "structs.cl"
 #include "tree/boxes.cl"
 
+// Blocks of about 16 primitives.
+#define BLOCKS_AHEAD (16 / BLOCK_WIDTH)
+
 // In lanes without a primitive.
 #define MISSING as_float(0x7fc00000)
 
@@ -48,9 +51,14 @@ INLINED void write_lane(SHAPE_ARGUMENTS, const int prim, global float *lanes)
 
 INLINED bool is_degenerate(const float3 a, const float3 b, const float3 c)
 {
-    const double3 u = convert_double3(b) - convert_double3(a);
-    const double3 v = convert_double3(c) - convert_double3(a);
-    return u.y * v.z == u.z * v.y && u.z * v.x == u.x * v.z && u.x * v.y == u.y * v.x;
+    // Without vectors: PoCL calls the functions that convert these.
+    const double ux = (double)b.x - (double)a.x;
+    const double uy = (double)b.y - (double)a.y;
+    const double uz = (double)b.z - (double)a.z;
+    const double vx = (double)c.x - (double)a.x;
+    const double vy = (double)c.y - (double)a.y;
+    const double vz = (double)c.z - (double)a.z;
+    return uy * vz == uz * vy && uz * vx == ux * vz && ux * vy == uy * vx;
 }
 #endif
 
@@ -79,6 +87,22 @@ INLINED void write_lane(SHAPE_ARGUMENTS, const int prim, global float *lanes)
 
 #endif
 
+// Ask for the memory of later blocks: their primitives lie anywhere.
+INLINED void ask_ahead(
+    const global float *points, const global int *corners, const global int *prims, const int block,
+    const int block_count)
+{
+    const global int *far = prims + BLOCK_WIDTH * (long)min(block + 2 * BLOCKS_AHEAD, block_count - 1);
+    const global int *near = prims + BLOCK_WIDTH * (long)min(block + BLOCKS_AHEAD, block_count - 1);
+    for (int slot = 0; slot < BLOCK_WIDTH; slot++) {
+        WILL_READ(corners + 3 * (long)far[slot]);
+        const long next = 3 * (long)max(near[slot], 0);
+        for (int i = 0; i < 3; i++) {
+            WILL_READ(points + 3 * (long)corners[next + i]);
+        }
+    }
+}
+
 kernel void write_blocks(
     SHAPE_ARGUMENTS, const global int *prims, global float *blocks, global float *boxes, const int block_count,
     const int first_block)
@@ -89,6 +113,7 @@ kernel void write_blocks(
     }
     global float *lanes = blocks + BLOCK_LANES * (first_block + (long)block);
     box_t box = empty_box();
+    ask_ahead(points, corners, prims, block, block_count);
     for (int slot = 0; slot < BLOCK_WIDTH; slot++) {
         const int prim = prims[BLOCK_WIDTH * (long)block + slot];
         ((global int *)lanes)[BLOCK_LANES - BLOCK_WIDTH + slot] = prim;

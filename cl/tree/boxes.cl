@@ -32,8 +32,8 @@ INLINED box_t unite(const box_t a, const box_t b)
     return united;
 }
 
-// The sum of the areas of three sides.
-INLINED float half_area(const box_t box)
+// Half of the surface: the sum of the areas of three sides.
+INLINED float box_area(const box_t box)
 {
     const float3 size = box.upper - box.lower;
     return size.x * size.y + size.y * size.z + size.z * size.x;

@@ -70,13 +70,13 @@ INLINED int merge_clusters(
 {
     const box_t box = unite(left_box, right_box);
     const global merge_t *merges = tree->merges;
-    const float left_cost = is_single(left) ? half_area(left_box) : merges[left].cost;
-    const float right_cost = is_single(right) ? half_area(right_box) : merges[right].cost;
+    const float left_cost = is_single(left) ? box_area(left_box) : merges[left].cost;
+    const float right_cost = is_single(right) ? box_area(right_box) : merges[right].cost;
     const int left_height = is_single(left) ? 0 : merges[left].height;
     const int right_height = is_single(right) ? 0 : merges[right].height;
 
     // A leaf, where that is as cheap as a node with two children.
-    const float area = half_area(box);
+    const float area = box_area(box);
     const int prim_count = prim_count_of(tree, left) + prim_count_of(tree, right);
     const float node_cost = area * tree->traversal_cost + (left_cost + right_cost);
     const float leaf_cost = area * (float)prim_count;
@@ -98,7 +98,7 @@ INLINED int merge_clusters(
     tree->is_node[number] = 0;
 #if TREE_WIDTH > 2
     if (!becomes_leaf) {
-        choose_children(tree, number, area, half_area(left_box), half_area(right_box));
+        choose_children(tree, number, area, box_area(left_box), box_area(right_box));
     }
 #endif
     return merge->height;

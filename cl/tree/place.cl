@@ -20,18 +20,32 @@ typedef struct {
     global tree_summary_t *summary;
 } output_t;
 
-// List the primitives of a leaf from left to right.
-INLINED void list_prims(const tree_t *tree, const int leaf, global int *prims)
+// List the primitives of a subtree, leaf after leaf from left to right; those of a leaf ascend.
+INLINED void list_prims(const tree_t *tree, const int top, global int *prims)
 {
     int stack[MOST_HEIGHT];
-    int cluster = leaf;
+    int cluster = top;
     int stack_size = 0;
+    int leaf_begin = 0;
+    int leaf_end = 0;
     for (int i = 0;; i++) {
-        while (!is_single(cluster)) {
+        for (;;) {
+            if (i == leaf_end && is_leaf(tree, cluster)) {
+                leaf_begin = i;
+                leaf_end = i + prim_count_of(tree, cluster);
+            }
+            if (is_single(cluster)) {
+                break;
+            }
             stack[stack_size++] = tree->merges[cluster].right;
             cluster = tree->merges[cluster].left;
         }
-        prims[i] = prim_at(&tree->prims, ~cluster);
+        const int prim = prim_at(&tree->prims, ~cluster);
+        int slot = i;
+        for (; slot > leaf_begin && prims[slot - 1] > prim; slot--) {
+            prims[slot] = prims[slot - 1];
+        }
+        prims[slot] = prim;
         if (stack_size == 0) {
             return;
         }

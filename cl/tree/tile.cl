@@ -42,8 +42,8 @@ INLINED tile_range_t find_tile(
 }
 
 // The distance between clusters is the area of the box around both: as an integer that orders like it, whose lowest
-// bits say which two clusters they are. So no two distances of a cluster are equal, and of many equal areas those of the
-// pairs (0, 1), (2, 3), ... are the least: identical triangles would otherwise take a round for each merge. What is
+// bits say which two clusters they are. So no two distances of a cluster are equal, and of many equal areas those of
+// the pairs (0, 1), (2, 3), ... are the least: identical triangles would otherwise take a round for each merge. What is
 // added absorbs numbers below the normal ones, which some devices flush to zero.
 #define TAG_BITS 4
 #define TAG_MASK ((1 << TAG_BITS) - 1)
@@ -60,12 +60,13 @@ INLINED int partner_of(const int place, const int distance)
 INLINED bool is_late(const tile_range_t *range, const int round, const int count, const int height)
 {
     int levels = range->levels_above;
-    while (range->target << levels - range->levels_above < count) {
+    for (int width = range->target; width < count; width *= 2) {
         levels++;
     }
     return round >= MOST_ROUNDS || height + levels >= MOST_HEIGHT;
 }
 
+// keep: one of them has merge_tile
 #if GROUPED
 #include "tree/tile_group.cl"
 #else

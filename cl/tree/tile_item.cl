@@ -90,7 +90,8 @@ INLINED void pair_neighbours(tile_memory_t *tile, const int count)
 
 // Merge the clusters of a tile, and write those that are left.
 INLINED void merge_tile(
-    const tree_t *tree, const tile_range_t *range, const global int *clusters, global int *left_over, const int tile_number)
+    const tree_t *tree, const tile_range_t *range, const global int *clusters, global int *left_over,
+    const int tile_number)
 {
     tile_memory_t tile;
     int count = range->count;

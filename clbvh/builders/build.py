@@ -113,8 +113,8 @@ def build(
     Raises
     ------
     ConfigError
-        An option outside its range, an unknown builder, a quality that it does not have, both workers and a pool, or a device
-        for a quality that the host builds.
+        An option outside its range, an unknown builder, a quality that it does not have, both workers and a pool, or a
+        device for a quality that the host builds.
     DeviceError
         There is no such device, or it has not enough memory.
     MeshError
@@ -180,16 +180,16 @@ def choose_workers(prim_count: int, builder: str, options: BuildOptions, workers
 
 def build_shape(shape: Shape, quality: str = DEFAULT_QUALITY) -> Bvh:
     """Build a tree over a shape as `build` does; over spheres with leaves that suit them."""
-    return build_tree(shape, DEFAULT_BUILDER, None, _suit(shape, quality))
+    return build_tree(shape, DEFAULT_BUILDER, None, suit_options(shape, quality))
 
 
 def plan_tree(shape: Shape, quality: str) -> Bvh | BuildOptions:
     """Return the tree over a shape as `build_shape` builds it; the options of one that a device is to build."""
-    return _suit(shape, quality) if quality == FAST_QUALITY else build_shape(shape, quality)
+    return suit_options(shape, quality) if quality == FAST_QUALITY else build_shape(shape, quality)
 
 
-def _suit(shape: Shape, quality: str) -> BuildOptions:
-    """Return the options that suit the primitives of a shape."""
+def suit_options(shape: Shape, quality: str) -> BuildOptions:
+    """Return the options that suit the primitives of a shape, with the quality that is wanted."""
     cost = _SPHERE_TRAVERSAL_COST if isinstance(shape, Spheres) else BuildOptions.traversal_cost
     return BuildOptions(traversal_cost=cost, quality=quality)
 

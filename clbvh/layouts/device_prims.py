@@ -40,7 +40,8 @@ class DevicePrims:
     """
 
     def __init__(self, owner: DeviceSession, session: DeviceSession, shape: Bounded) -> None:
-        self._buffers = {name: ReusableBuffer(owner) for name in ("points", "corners", "centres", "radii", "degenerate")}
+        names = ("points", "corners", "centres", "radii", "degenerate")
+        self._buffers = {name: ReusableBuffer(owner) for name in names}
         self.put(session, shape)
 
     def put(self, session: DeviceSession, shape: Bounded) -> None:

@@ -30,10 +30,9 @@ class Moves(ContextManager):
     _updating: threading.Lock
 
     def update(self, vertices: ArrayLike) -> None:
-        """Move the vertices of the mesh: the tree is refitted and uploaded; buffers and kernels are kept.
+        """Move the vertices of the mesh: the device refits the tree, or builds it anew where that pays.
 
-        Later queries find the same hits as with a new tracer over the moved mesh; `sah_growth` tells when a new tracer
-        would be faster.
+        Later queries find the same hits as with a new tracer over the moved mesh.
 
         Parameters
         ----------
@@ -56,9 +55,12 @@ class Moves(ContextManager):
         Updates wait for each other, but not for queries of other threads: a query that is running ends on the mesh
         that it began with. Results refer to the mesh that was hit (`Hits.mesh`) and keep their locations.
 
+        A tree whose SAH cost has grown by 1.3 is built anew, with the quality ``"fast"``; see `sah_growth`. Vertices go
+        to the device, and nothing else does.
+
         A tree that is updated is on the device twice, and once more for each older mesh that queries of other threads
-        still use. The host keeps about 15 bytes per triangle for `bvh8`, 24 for `bvh4` and 61 for `bvh2`. The tree that
-        the tracer was made of does not change.
+        still use; its boxes and its mesh take ... bytes per triangle besides. The tree that the tracer was made of does
+        not change.
 
         Examples
         --------
@@ -135,7 +137,7 @@ class Moves(ContextManager):
 
         Notes
         -----
-        A tree whose SAH cost has grown by 1.3 is built anew. See `set_transforms`.
+        A tree whose SAH cost has grown by 1.3 is built anew, on the device. See `set_transforms`.
 
         Examples
         --------
@@ -171,11 +173,10 @@ class Moves(ContextManager):
 
     @property
     def sah_growth(self) -> float:
-        """The SAH cost of the tree now, divided by its cost when the tracer was opened.
+        """The SAH cost of the tree now, divided by its cost when it was built: 1.3 at most, then `update` builds anew.
 
         1 until the first `update`; moving or scaling the whole mesh does not change it. Rays slow down by less than
-        this factor, and a new tree would share part of it: larger triangles cost more in any tree. From about 2 on, a
-        new tracer may be faster.
+        this factor.
         """
         return 1.0 if self._caster.world.mesh is None else self._changes.sah_growth(0)
 
@@ -202,7 +203,7 @@ class Moves(ContextManager):
 
         Notes
         -----
-        A tree whose SAH cost has grown by 1.3 is built anew. See `set_transforms`.
+        A tree whose SAH cost has grown by 1.3 is built anew, on the device. See `set_transforms`.
 
         Examples
         --------

@@ -44,8 +44,8 @@ class Tracer(RayQueries, PointQueries):
     layout : str
         ``"auto"``, ``"bvh2"``, ``"bvh4"`` or ``"bvh8"``.
     quality : str
-        Of the trees that are built, now or because shapes have moved: ``"default"``; ``"fast"``, built on the device,
-        which suits meshes that change; or ``"high"``. See `clbvh.BuildOptions`. A finished tree is taken as it is.
+        Of the trees that are built: ``"default"``; ``"fast"``, built on the device, which suits meshes that change; or
+        ``"high"``. See `clbvh.BuildOptions`. A finished tree is taken as it is.
 
     Raises
     ------
@@ -84,7 +84,7 @@ class Tracer(RayQueries, PointQueries):
         except BaseException:
             session.close()
             raise
-        self._changes = Changes(scene, state, quality)
+        self._changes = Changes(scene, state)
         self._updating = threading.Lock()
 
     @property

@@ -25,7 +25,7 @@ from .tree_box import TreeBox
 from .trees import DeviceTrees, NewTree, RetiredBuffers
 from .world import World, place
 
-# A geometry's tree is built anew when its SAH cost has grown by this factor.
+# A geometry's tree is built anew, on the device, when its SAH cost has grown by this factor.
 REBUILD_GROWTH = 1.3
 
 
@@ -38,12 +38,10 @@ class Changes:
         Its handles name geometries and instances. Later changes of it are not seen.
     opened : SceneState
         The scene as it was opened.
-    quality : str
-        Of the trees that are built anew.
     """
 
-    def __init__(self, scene: Scene, opened: SceneState, quality: str) -> None:
-        self._scene, self._opened, self._quality = scene, opened, quality
+    def __init__(self, scene: Scene, opened: SceneState) -> None:
+        self._scene, self._opened = scene, opened
         self._refits: dict[int, Refit] = {}
         self._retired = RetiredBuffers()
 
@@ -87,7 +85,7 @@ class Changes:
         return geometry_id, shapes[geometry_id]
 
     def set_shape(self, world: World, geometry_id: int, shape: Shape, session: DeviceSession) -> World:
-        """Return a world with another shape of a geometry: its tree is refitted or, where that pays, built anew."""
+        """Return a world with another shape of a geometry: its tree is refitted or, where that pays, built anew there."""
         refit, before = self._refits.get(geometry_id), world.trees
         if refit is None:
             built = world.state.shapes[geometry_id]
@@ -113,10 +111,11 @@ class Changes:
     ) -> tuple[DeviceTrees, TreeBox]:
         """Return the trees with that of a geometry built anew, and the box around it."""
         # Imported here: most tracers build no second tree.
-        from ...builders.build import plan_tree
+        from ...builders.build import suit_options
+        from ...builders.options import FAST_QUALITY
 
         self._refits.pop(geometry_id, None)
-        new = NewTree.make(session, shape, plan_tree(shape, self._quality), before.layout)
+        new = NewTree.build(session, shape, suit_options(shape, FAST_QUALITY), before.layout)
         trees = before.with_room(session, geometry_id, new.tree, self._retired)
         trees.put(session, geometry_id, new)
         return trees, new.box

@@ -37,13 +37,15 @@ class Refit:
 
     Attributes
     ----------
+    sah_cost : float
+        The expected number of nodes and blocks that a random ray through the root's box meets, as the tree was last
+        written; see `sah_cost` in `bvh/bvh.py`.
     sah_growth : float
-        The SAH cost of the tree as it was last written, divided by that of the tree that was built: the expected number
-        of nodes and blocks that a random ray through the root's box meets, see `bvh/bvh.py`.
+        The same, divided by that of the tree that was built.
     """
 
     def __init__(self, trees: DeviceTrees, geometry_id: int, built: Shape, session: DeviceSession) -> None:
-        self.sah_growth, self._built, self._built_cost = 1.0, built, 0.0
+        self.sah_cost, self.sah_growth, self._built_cost = 0.0, 1.0, 0.0
         owner, self._tree = trees.session, trees.trees[geometry_id]
         self._width = LAYOUT_WIDTHS[trees.layout]
         self._block_width = self._width if self._width > 2 else 1
@@ -71,16 +73,17 @@ class Refit:
         """
         if self._built_cost == 0.0:
             # Only those who move a geometry ask how the cost has grown.
-            self._built_cost, _ = self._write(before, moved, geometry_id, session)
+            self._write(before, moved, geometry_id, session)
+            self._built_cost = self.sah_cost
         self._prims.put(session, shape)
-        cost, box = self._write(before, moved, geometry_id, session)
-        self.sah_growth = cost / self._built_cost
-        return TreeBox(shape.origin, shape.scale, box)
+        half = self._write(before, moved, geometry_id, session)
+        self.sah_growth = self.sah_cost / self._built_cost
+        return TreeBox(shape.origin, shape.scale, half)
 
     def _write(
         self, before: DeviceTrees, moved: DeviceTrees, geometry_id: int, session: DeviceSession
-    ) -> tuple[float, NDArray[np.float64]]:
-        """Write the tree; return its cost, and half the size of the box symmetric about zero."""
+    ) -> NDArray[np.float64]:
+        """Write the tree, and return half the size of the box around it that is symmetric about zero."""
         tree = moved.trees[geometry_id]
         blocks = moved.buffers[moved.block_buffer(geometry_id)]
         self._prims.write_blocks(
@@ -103,8 +106,9 @@ class Refit:
             area, root = float(rows[:, 3].sum(dtype=np.float64)), rows[0].astype(np.float64)
         x, y, z = root[4:7] - root[:3]
         root_area = x * y + y * z + z * x
-        everything = tree.node_count + tree.block_count
-        return 1.0 + area / root_area if root_area > 0.0 else everything, np.maximum(abs(root[:3]), abs(root[4:7]))
+        # A tree in one point: a ray there meets everything.
+        self.sah_cost = 1.0 + area / root_area if root_area > 0.0 else float(tree.node_count + tree.block_count)
+        return np.maximum(abs(root[:3]), abs(root[4:7]))
 
 
 def list_children(nodes: NDArray[np.void]) -> NDArray[np.int32]:

@@ -240,7 +240,8 @@ class DeviceTrees:
         joined = cls(session, layout, _place([new.tree for new in trees]), {}, dtypes, trees[0].box)
         if len(trees) == 1:
             # A tree that was built there stays where it is.
-            for (name, _, _), items in zip(_list_arrays(joined.trees[0]), (trees[0].nodes, trees[0].blocks), strict=True):
+            arrays = trees[0].nodes, trees[0].blocks
+            for (name, _, _), items in zip(_list_arrays(joined.trees[0]), arrays, strict=True):
                 joined.buffers[name] = session.upload(items) if isinstance(items, np.ndarray) else items
             return joined
         for name, size in joined._sizes().items():

@@ -171,8 +171,9 @@ def open_world(
     state : SceneState
         At least one instance.
     bvhs : sequence of Bvh or BuildOptions, or None
-        The tree of each geometry, or the options by which the device builds it. None: no tree but the one over the instances, and the layout ``"brute"``, whatever is
-        asked: each primitive of an instance is tested against each ray that meets its box.
+        The tree of each geometry, or the options by which the device builds it. None: no tree but the one over the
+        instances, and the layout ``"brute"``, whatever is asked: each primitive of an instance is tested against each
+        ray that meets its box.
     layout : str
         Of the geometries' trees; ``"auto"`` takes what suits the device.
 

@@ -1,20 +1,19 @@
-"""The arrays of every layout, made and rewritten for moved shapes: walked, with boxes found primitive by primitive."""
+"""The arrays of every layout, by the host, built and refitted on the device: walked, with boxes found one by one."""
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
+import pyopencl as cl
 import pytest
 
 from clbvh import BuildOptions, Mesh, Spheres, build, make_shape, sah_cost
 from clbvh.builders.build import build_tree
 from clbvh.geometry.corners import find_corners
-from clbvh.layouts import refit_arrays, wide
-from clbvh.layouts.device_arrays import make_device_arrays, measure_device_bytes
-from clbvh.layouts.refit_arrays import RefitArrays, read_topology
+from clbvh.layouts import wide
+from clbvh.layouts.device_arrays import DeviceArrays, make_device_arrays, measure_device_bytes
 from clbvh.structs import LAYOUT_WIDTHS, NO_PRIM
-from clbvh.support.host_threads import HostThreads
+from clbvh.trace.world.refit import Refit
+from clbvh.trace.world.trees import DeviceTrees, NewTree, RetiredBuffers
 
 from ...chain import make_chain
 from ...soup import make_soup
@@ -95,13 +94,27 @@ def check_arrays(arrays, layout, shape):
     return entries
 
 
-def write(arrays, layout, shape, threads=1):
-    """Return the object that wrote, and the arrays for a shape, in memory that was full of ones."""
-    refit = RefitArrays(read_topology(arrays.nodes, arrays.blocks, layout))
-    nodes, blocks = (np.full(array.nbytes, 0xFF, np.uint8).view(array.dtype) for array in (arrays.nodes, arrays.blocks))
-    with HostThreads(threads) as opened:
-        refit.write(shape, nodes, blocks, opened)
-    return refit, dataclasses.replace(arrays, nodes=nodes, blocks=blocks)
+def put(session, shape, plan, layout):
+    """Return the trees of a device that are one shape's: a finished tree, or options by which the device builds it."""
+    return DeviceTrees.join(session, [shape], [NewTree.make(session, shape, plan, layout)], layout)
+
+
+def take(session, trees):
+    """Return the arrays that a device has."""
+    with trees.mapped(session, 0, write=False) as (nodes, blocks):
+        return DeviceArrays(nodes.copy(), blocks.copy(), trees.stack_size)
+
+
+def refit(session, bvh, layout, *shapes):
+    """Yield what refits a tree for one shape after the other on the device, the arrays, and the box."""
+    trees = put(session, bvh.shape, bvh, layout)
+    writer, retired = Refit(trees, 0, bvh.shape, session), RetiredBuffers()
+    for shape in shapes:
+        moved = trees.with_room(session, 0, trees.trees[0], retired)
+        for buffer in moved.buffers.values():
+            cl.enqueue_fill_buffer(session.queue, buffer, np.uint8(0xFF), 0, buffer.size)
+        box = writer.write(trees, moved, 0, shape, session)
+        yield writer, take(session, moved), box
 
 
 def bytes_of(arrays):
@@ -126,19 +139,20 @@ def make_trees():
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_arrays_hold_every_primitive_once_and_stay_as_they_are_if_nothing_moves(layout):
+def test_arrays_hold_every_primitive_once_and_stay_as_they_are_if_nothing_moves(layout, session):
     for bvh in make_trees():
         arrays = make_device_arrays(bvh, layout)
         # An entry point can push children that a descent from the root would not push.
         spare = LAYOUT_WIDTHS[layout] - 1 if is_wide(layout) else 0
         assert arrays.stack_size == check_arrays(arrays, layout, bvh.shape) + spare
         assert measure_device_bytes(bvh, layout) == arrays.nodes.nbytes + arrays.blocks.nbytes
-        assert bytes_of(write(arrays, layout, bvh.shape)[1]) == bytes_of(arrays)
+        for writer, written, _ in refit(session, bvh, layout, bvh.shape):
+            assert bytes_of(written) == bytes_of(arrays)
+            assert writer.sah_growth == 1.0
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_moved_vertices_have_exact_boxes_by_any_number_of_threads(layout, monkeypatch):
-    monkeypatch.setattr(refit_arrays, "_PRIMS_PER_PART", 100)
+def test_moved_vertices_have_exact_boxes(layout, session):
     bvh = build(make_soup(700, 1, grid=30, size=4, degenerate=0.2), leaf_size=3)
     # On a coarse grid, so that some triangles become degenerate and others cease to be.
     generator = np.random.default_rng(1)
@@ -146,19 +160,21 @@ def test_moved_vertices_have_exact_boxes_by_any_number_of_threads(layout, monkey
     moved = bvh.refit(vertices)
     assert (moved.mesh.degenerate_faces & ~bvh.mesh.degenerate_faces).any()
     assert (~moved.mesh.degenerate_faces & bvh.mesh.degenerate_faces).any()
+    point = bvh.mesh.with_vertices(np.ones_like(vertices))
     arrays = make_device_arrays(bvh, layout)
-    (refit, written), (other, again) = (write(arrays, layout, moved.mesh, threads) for threads in (1, 4))
+    (writer, written, box), (_, again, _) = refit(session, bvh, layout, moved.mesh, moved.mesh)
     check_arrays(written, layout, moved.mesh)
-    assert (bytes_of(written), refit.sah_cost) == (bytes_of(again), other.sah_cost)
-    assert (refit.half == np.abs(moved.mesh.local_vertices[moved.mesh.faces]).max(axis=(0, 1))).all()
+    assert bytes_of(written) == bytes_of(again)
+    assert (box.half == np.abs(moved.mesh.local_vertices[moved.mesh.faces]).max(axis=(0, 1))).all()
     if layout == "bvh2":
         assert bytes_of(written) == bytes_of(make_device_arrays(moved, layout))
-        assert refit.sah_cost == pytest.approx(sah_cost(moved), rel=1e-12)
-    point, _ = write(arrays, layout, bvh.mesh.with_vertices(np.ones_like(vertices)))
-    assert (point.sah_cost, point.half.tolist()) == (len(arrays.nodes) + len(arrays.blocks), [0, 0, 0])
+        assert writer.sah_growth == pytest.approx(sah_cost(moved) / sah_cost(bvh), rel=1e-6)
+    ((writer, _, box),) = refit(session, bvh, layout, point)
+    assert (writer.sah_cost, box.half.tolist()) == (len(arrays.nodes) + len(arrays.blocks), [0, 0, 0])
     spheres = Spheres(generator.normal(size=(700, 3)) + 100, generator.uniform(0.01, 0.1, 700))
     moved = spheres.with_spheres(spheres.centres[::-1] + 5, spheres.radii * 2)
-    check_arrays(write(make_device_arrays(tree_over(spheres), layout), layout, moved)[1], layout, moved)
+    ((_, written, _),) = refit(session, tree_over(spheres), layout, moved)
+    check_arrays(written, layout, moved)
 
 
 @pytest.mark.parametrize("width", [4, 8])
@@ -168,7 +184,7 @@ def test_no_other_choice_of_wide_nodes_is_cheaper(width):
     first, count = bvh.nodes["first"], bvh.nodes["count"]
     x, y, z = (bvh.nodes["aabb_max"] - bvh.nodes["aabb_min"]).astype(np.float64).T
     areas = x * y + y * z + z * x
-    price = wide.BLOCK_PRICE * areas[0] / len(areas)
+    price = float(wide.block_price(bvh.shape))
     known = {}
 
     def count_prims(node):
@@ -179,7 +195,7 @@ def test_no_other_choice_of_wide_nodes_is_cheaper(width):
         if (node, children) not in known:
             ways, left = [], first[node]
             if count_prims(node) <= width:
-                ways.append(wide.BLOCK_COST * areas[node] + price)
+                ways.append(areas[node] + price)
             if not count[node]:
                 ways.append(areas[node] + min(cost(left, i) + cost(left + 1, width - i) for i in range(1, width)))
                 ways += [cost(left, i) + cost(left + 1, n - i) for n in range(2, children + 1) for i in range(1, n)]
@@ -189,5 +205,5 @@ def test_no_other_choice_of_wide_nodes_is_cheaper(width):
     nodes = wide.widen(bvh, width).nodes
     x, y, z = np.moveaxis(nodes["aabb_max"].astype(np.float64) - nodes["aabb_min"], 1, 0)
     is_present, is_leaf = x >= 0, nodes["child"] < 0
-    costs = (x * y + y * z + z * x) * np.where(is_leaf, wide.BLOCK_COST, 1) + is_leaf * price
+    costs = x * y + y * z + z * x + is_leaf * price
     assert areas[0] + costs[is_present].sum() == pytest.approx(cost(0, 1), rel=1e-5)
