@@ -1,4 +1,5 @@
 // Writes the nodes of a level again, around primitives that have moved: the boxes of the children, and the same links.
+// One work-item may also write several levels, one after the other.
 //
 // TREE_WIDTH: children of a node, of the layouts `bvh2`, `bvh4` and `bvh8`.
 //
@@ -22,17 +23,12 @@ typedef bvh4_node_t tree_node_t;
 typedef bvh8_node_t tree_node_t;
 #endif
 
-kernel void refit_nodes(
-    const global int *order, const int begin, const int end, const global tree_node_t *links, const int first_link,
-    global tree_node_t *nodes, const int first_node, const global float *block_boxes, global float *node_boxes)
+INLINED void refit_node(
+    const int number, const global tree_node_t *links, global tree_node_t *nodes, const global float *block_boxes,
+    global float *node_boxes)
 {
-    const int place = begin + (int)get_global_id(0);
-    if (place >= end) {
-        return;
-    }
-    const int number = order[place];
-    const global tree_node_t *before = links + first_link + number;
-    global tree_node_t *node = nodes + first_node + number;
+    const global tree_node_t *before = links + number;
+    global tree_node_t *node = nodes + number;
     box_t around_all = empty_box();
     float area = 0.0f;
     for (int i = 0; i < TREE_WIDTH; i++) {
@@ -76,4 +72,13 @@ kernel void refit_nodes(
         area += is_missing ? 0.0f : box_area(box) * cost;
     }
     store_box(node_boxes, number, around_all, area);
+}
+
+kernel void refit_nodes(
+    const global int *order, const int begin, const int end, const global tree_node_t *links, const int first_link,
+    global tree_node_t *nodes, const int first_node, const global float *block_boxes, global float *node_boxes)
+{
+    for (int place = begin + (int)get_global_id(0); place < end; place += (int)get_global_size(0)) {
+        refit_node(order[place], links + first_link, nodes + first_node, block_boxes, node_boxes);
+    }
 }

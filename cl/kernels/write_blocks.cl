@@ -30,59 +30,146 @@
     const global uchar *degenerate
 
 #if HAS_SPHERES
-
-#define BLOCK_LANES (5 * BLOCK_WIDTH)
-
-INLINED void write_lane(SHAPE_ARGUMENTS, const int prim, global float *lanes)
-{
-    const float3 centre = load3(centres + 3 * (long)prim);
-    lanes[0] = centre.x;
-    lanes[BLOCK_WIDTH] = centre.y;
-    lanes[2 * BLOCK_WIDTH] = centre.z;
-    lanes[3 * BLOCK_WIDTH] = radii[prim];
-}
-
+#define CORNER_LANES 4
 #else
+#define CORNER_LANES 9
+#endif
+#define BLOCK_LANES ((CORNER_LANES + 1) * BLOCK_WIDTH)
 
-#define BLOCK_LANES (10 * BLOCK_WIDTH)
+#if !HAS_SPHERES
 
 #if HAS_FP64
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 
-INLINED bool is_degenerate(const float3 a, const float3 b, const float3 c)
+INLINED bool is_degenerate(const float at[9][BLOCK_WIDTH], const int slot)
 {
     // Without vectors: PoCL calls the functions that convert these.
-    const double ux = (double)b.x - (double)a.x;
-    const double uy = (double)b.y - (double)a.y;
-    const double uz = (double)b.z - (double)a.z;
-    const double vx = (double)c.x - (double)a.x;
-    const double vy = (double)c.y - (double)a.y;
-    const double vz = (double)c.z - (double)a.z;
+    const double ux = (double)at[3][slot] - (double)at[0][slot];
+    const double uy = (double)at[4][slot] - (double)at[1][slot];
+    const double uz = (double)at[5][slot] - (double)at[2][slot];
+    const double vx = (double)at[6][slot] - (double)at[0][slot];
+    const double vy = (double)at[7][slot] - (double)at[1][slot];
+    const double vz = (double)at[8][slot] - (double)at[2][slot];
     return uy * vz == uz * vy && uz * vx == ux * vz && ux * vy == uy * vx;
 }
 #endif
 
-INLINED void write_lane(SHAPE_ARGUMENTS, const int prim, global float *lanes)
-{
-    float3 own[3];
-    for (int i = 0; i < 3; i++) {
-        own[i] = load3(points + 3 * (long)corners[3 * (long)prim + i]);
-    }
-#if HAS_FP64
-    const bool is_hidden = is_degenerate(own[0], own[1], own[2]);
+// One number of each primitive of a block.
+#if BLOCK_WIDTH == 8
+typedef float8 row_t __attribute__((aligned(4)));
+typedef int8 int_row_t __attribute__((aligned(4)));
+#elif BLOCK_WIDTH == 4
+typedef float4 row_t __attribute__((aligned(4)));
+typedef int4 int_row_t __attribute__((aligned(4)));
 #else
-    const bool is_hidden = degenerate[prim];
+typedef float row_t;
+typedef int int_row_t;
 #endif
-    if (is_hidden) {
-        own[0] = BLOCK_WIDTH > 1 ? (float3)(MISSING) : own[0];
-        own[1] = own[0];
-        own[2] = own[0];
+
+INLINED row_t least_of(const row_t a, const row_t b)
+{
+    return a < b ? a : b;
+}
+
+INLINED row_t size_of(const row_t a)
+{
+    return a < 0.0f ? -a : a;
+}
+
+// Whether two products surely differ, whatever float32 has rounded and flushed to zero.
+INLINED int_row_t differ(const row_t p, const row_t q)
+{
+    return size_of(p - q) > 0x1p-20f * (size_of(p) + size_of(q)) + 0x1p-120f;
+}
+
+INLINED float least_in(const row_t row)
+{
+#if BLOCK_WIDTH == 8
+    const float4 of_four = row.lo < row.hi ? row.lo : row.hi;
+#elif BLOCK_WIDTH == 4
+    const float4 of_four = row;
+#endif
+#if BLOCK_WIDTH > 1
+    const float2 of_two = of_four.lo < of_four.hi ? of_four.lo : of_four.hi;
+    return smaller(of_two.x, of_two.y);
+#else
+    return row;
+#endif
+}
+
+INLINED box_t write_prims(SHAPE_ARGUMENTS, const global int *prims, global float *lanes)
+{
+    float at[9][BLOCK_WIDTH];
+#pragma unroll
+    for (int slot = 0; slot < BLOCK_WIDTH; slot++) {
+        // A missing primitive repeats the first one, which is always there.
+        const int prim = prims[slot] == NO_PRIM ? prims[0] : prims[slot];
+#pragma unroll
+        for (int corner = 0; corner < 3; corner++) {
+            const global float *point = points + 3 * (long)corners[3 * (long)prim + corner];
+            at[3 * corner][slot] = point[0];
+            at[3 * corner + 1][slot] = point[1];
+            at[3 * corner + 2][slot] = point[2];
+        }
     }
-    for (int i = 0; i < 3; i++) {
-        lanes[(3 * i) * BLOCK_WIDTH] = own[i].x;
-        lanes[(3 * i + 1) * BLOCK_WIDTH] = own[i].y;
-        lanes[(3 * i + 2) * BLOCK_WIDTH] = own[i].z;
+    row_t rows[9];
+#pragma unroll
+    for (int lane = 0; lane < 9; lane++) {
+        rows[lane] = *(const row_t *)at[lane];
+        *(global row_t *)(lanes + lane * BLOCK_WIDTH) = rows[lane];
     }
+    float lower[3];
+    float upper[3];
+#pragma unroll
+    for (int axis = 0; axis < 3; axis++) {
+        // Zero is added as in box_of_prim.
+        lower[axis] = least_in(least_of(least_of(rows[axis], rows[3 + axis]), rows[6 + axis])) + 0.0f;
+        upper[axis] = -least_in(least_of(least_of(-rows[axis], -rows[3 + axis]), -rows[6 + axis])) + 0.0f;
+    }
+    const row_t ux = rows[3] - rows[0];
+    const row_t uy = rows[4] - rows[1];
+    const row_t uz = rows[5] - rows[2];
+    const row_t vx = rows[6] - rows[0];
+    const row_t vy = rows[7] - rows[1];
+    const row_t vz = rows[8] - rows[2];
+    int is_sure[BLOCK_WIDTH];
+    *(int_row_t *)is_sure = differ(uy * vz, uz * vy) | differ(uz * vx, ux * vz) | differ(ux * vy, uy * vx);
+    for (int slot = 0; slot < BLOCK_WIDTH; slot++) {
+        if (prims[slot] != NO_PRIM && is_sure[slot]) {
+            continue;
+        }
+#if HAS_FP64
+        if (prims[slot] != NO_PRIM && !is_degenerate(at, slot)) {
+#else
+        if (prims[slot] != NO_PRIM && !degenerate[prims[slot]]) {
+#endif
+            continue;
+        }
+        for (int lane = 0; lane < 9; lane++) {
+            lanes[lane * BLOCK_WIDTH + slot] = BLOCK_WIDTH > 1 ? MISSING : at[lane % 3][slot];
+        }
+    }
+    const box_t box = {(float3)(lower[0], lower[1], lower[2]), (float3)(upper[0], upper[1], upper[2])};
+    return box;
+}
+
+#else
+
+INLINED box_t write_prims(SHAPE_ARGUMENTS, const global int *prims, global float *lanes)
+{
+    box_t box = empty_box();
+    for (int slot = 0; slot < BLOCK_WIDTH; slot++) {
+        float4 sphere = (float4)(MISSING);
+        if (prims[slot] != NO_PRIM) {
+            sphere = (float4)(load3(centres + 3 * (long)prims[slot]), radii[prims[slot]]);
+            box = unite(box_of_prim(points, corners, prims[slot]), box);
+        }
+        lanes[slot] = sphere.x;
+        lanes[BLOCK_WIDTH + slot] = sphere.y;
+        lanes[2 * BLOCK_WIDTH + slot] = sphere.z;
+        lanes[3 * BLOCK_WIDTH + slot] = sphere.w;
+    }
+    return box;
 }
 
 #endif
@@ -112,21 +199,11 @@ kernel void write_blocks(
         return;
     }
     global float *lanes = blocks + BLOCK_LANES * (first_block + (long)block);
-    box_t box = empty_box();
     ask_ahead(points, corners, prims, block, block_count);
+    const global int *own = prims + BLOCK_WIDTH * (long)block;
+    const box_t box = write_prims(points, corners, centres, radii, degenerate, own, lanes);
     for (int slot = 0; slot < BLOCK_WIDTH; slot++) {
-        const int prim = prims[BLOCK_WIDTH * (long)block + slot];
-        ((global int *)lanes)[BLOCK_LANES - BLOCK_WIDTH + slot] = prim;
-        if (prim == NO_PRIM) {
-            for (int lane = 0; lane < BLOCK_LANES - BLOCK_WIDTH; lane += BLOCK_WIDTH) {
-                lanes[lane + slot] = MISSING;
-            }
-            continue;
-        }
-        write_lane(points, corners, centres, radii, degenerate, prim, lanes + slot);
-        if (boxes != 0) {
-            box = unite(box_of_prim(points, corners, prim), box);
-        }
+        ((global int *)lanes)[CORNER_LANES * BLOCK_WIDTH + slot] = own[slot];
     }
     if (boxes != 0) {
         store_box(boxes, block, box, 0.0f);

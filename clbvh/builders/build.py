@@ -178,9 +178,10 @@ def choose_workers(prim_count: int, builder: str, options: BuildOptions, workers
     return most if options.task_threshold is not None else max(1, min(most, prim_count // PRIMS_PER_WORKER))
 
 
-def build_shape(shape: Shape, quality: str = DEFAULT_QUALITY) -> Bvh:
-    """Build a tree over a shape as `build` does; over spheres with leaves that suit them."""
-    return build_tree(shape, DEFAULT_BUILDER, None, suit_options(shape, quality))
+def build_shape(shape: Bounded, quality: str, device: DeviceInfo | None = None) -> Bvh:
+    """Build a tree over a shape as `build` does, if need be on a device; over spheres with leaves that suit them."""
+    on = device if quality == FAST_QUALITY else None
+    return build_tree(shape, DEFAULT_BUILDER, None, suit_options(shape, quality), device=on)
 
 
 def plan_tree(shape: Shape, quality: str) -> Bvh | BuildOptions:
@@ -188,7 +189,7 @@ def plan_tree(shape: Shape, quality: str) -> Bvh | BuildOptions:
     return suit_options(shape, quality) if quality == FAST_QUALITY else build_shape(shape, quality)
 
 
-def suit_options(shape: Shape, quality: str) -> BuildOptions:
+def suit_options(shape: Bounded, quality: str) -> BuildOptions:
     """Return the options that suit the primitives of a shape, with the quality that is wanted."""
     cost = _SPHERE_TRAVERSAL_COST if isinstance(shape, Spheres) else BuildOptions.traversal_cost
     return BuildOptions(traversal_cost=cost, quality=quality)

@@ -44,6 +44,11 @@ class DevicePrims:
         self._buffers = {name: ReusableBuffer(owner) for name in names}
         self.put(session, shape)
 
+    @property
+    def memory_bytes(self) -> int:
+        """Bytes of its buffers."""
+        return sum(buffer.size for buffer in self._buffers.values())
+
     def put(self, session: DeviceSession, shape: Bounded) -> None:
         """Put a shape into the buffers; the corners of a mesh, its faces, are there already after the first."""
         corners = find_corners(shape)

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 from numpy.typing import ArrayLike
 
+from ..bvh import Bvh
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh, Spheres
 from ..scene.handles import Geometry, Instance
@@ -170,6 +171,22 @@ class Moves(ContextManager):
         if mesh is None:
             raise ConfigError("a tracer of a scene has no single mesh: see scene.geometries")
         return mesh
+
+    @property
+    def bvh(self) -> Bvh:
+        """The binary tree of the mesh as it is now: the one that was given, or built again where none was kept.
+
+        A tree of the quality ``"fast"`` is built on the device, and downloaded. Each access takes as long as a build.
+
+        Raises
+        ------
+        ConfigError
+            The tracer has a scene of several objects.
+        """
+        with self._changing() as (_, world):
+            if world.mesh is None:
+                raise ConfigError("a tracer of a scene has no single tree")
+            return self._changes.get_tree(world)
 
     @property
     def sah_growth(self) -> float:

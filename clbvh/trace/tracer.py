@@ -84,7 +84,7 @@ class Tracer(RayQueries, PointQueries):
         except BaseException:
             session.close()
             raise
-        self._changes = Changes(scene, state)
+        self._changes = Changes(scene, state, source if isinstance(source, Bvh) else quality)
         self._updating = threading.Lock()
 
     @property

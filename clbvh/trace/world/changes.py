@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...bvh import Bvh
 from ...device.session import DeviceSession
 from ...errors import SceneError
-from ...geometry import Shape
+from ...geometry import Mesh, Shape
+from ...layouts.device_prims import DevicePrims
 from ...scene.handles import Geometry, Instance
 from ...scene.scene import Scene
 from ...scene.state import SceneState
@@ -38,21 +40,36 @@ class Changes:
         Its handles name geometries and instances. Later changes of it are not seen.
     opened : SceneState
         The scene as it was opened.
+    tree : Bvh or str
+        The tree of the only mesh, or the quality of all trees.
     """
 
-    def __init__(self, scene: Scene, opened: SceneState) -> None:
-        self._scene, self._opened = scene, opened
+    def __init__(self, scene: Scene, opened: SceneState, tree: Bvh | str) -> None:
+        self._scene, self._opened, self._tree = scene, opened, tree
+        self._prims: dict[int, DevicePrims] = {}
         self._refits: dict[int, Refit] = {}
+        self._growths: dict[int, float] = {}
         self._retired = RetiredBuffers()
 
     @property
     def memory_bytes(self) -> int:
-        """Bytes of buffers that no later query uses."""
-        return self._retired.memory_bytes
+        """Bytes of buffers that are for later changes."""
+        prims = sum(each.memory_bytes for each in self._prims.values())
+        return self._retired.memory_bytes + prims + sum(each.memory_bytes for each in self._refits.values())
 
     def sah_growth(self, geometry_id: int) -> float:
         """Return the SAH cost of a tree, divided by that of the tree that was built."""
-        return self._refits[geometry_id].sah_growth if geometry_id in self._refits else 1.0
+        return self._growths.get(geometry_id, 1.0)
+
+    def get_tree(self, world: World) -> Bvh:
+        """Return the tree of a lone mesh: the one that was given, or the same built again, refitted like it."""
+        # Imported here: few ask for it.
+        from ...builders.build import build_shape
+
+        mesh, refit = world.state.shapes[0], self._refits.get(0)
+        built = mesh if refit is None else refit.built
+        tree = self._tree if isinstance(self._tree, Bvh) else build_shape(built, self._tree, world.trees.session.info)
+        return tree if built is mesh else tree.refit(cast(Mesh, mesh).vertices)
 
     def choose_instances(
         self, geometry: Geometry | None, instance: Instance | int | Iterable[Instance | int] | None
@@ -85,39 +102,53 @@ class Changes:
         return geometry_id, shapes[geometry_id]
 
     def set_shape(self, world: World, geometry_id: int, shape: Shape, session: DeviceSession) -> World:
-        """Return a world with another shape of a geometry: its tree is refitted or, where that pays, built anew there."""
-        refit, before = self._refits.get(geometry_id), world.trees
-        if refit is None:
-            built = world.state.shapes[geometry_id]
-            refit = self._refits[geometry_id] = Refit(before, geometry_id, built, session)
+        """Return a world with another shape of a geometry: its tree is refitted or built anew there."""
+        before = world.trees
+        refit = self._refits.get(geometry_id) or self._open_refit(world, geometry_id, session)
         trees = before.with_room(session, geometry_id, before.trees[geometry_id], self._retired)
         box = refit.write(before, trees, geometry_id, shape, session)
-        if refit.sah_growth > REBUILD_GROWTH:
+        growth = refit.sah_cost / refit.built_cost
+        if growth > REBUILD_GROWTH:
             del trees  # the device need not have room for it and for the next one
-            trees, box = self._rebuild(before, geometry_id, shape, session)
+            growth = 1.0
+            trees, box = self._rebuild(before, geometry_id, refit.prims, session)
         if geometry_id == 0:
             trees = replace(trees, box=box)
         # Queries have queues of their own, which do not wait for this one.
         session.finish()
-        return place(trees, world.state.with_shape(geometry_id, shape), session)
+        moved = place(trees, world.state.with_shape(geometry_id, shape), session)
+        self._growths[geometry_id] = growth
+        return moved
 
     def retire(self, world: World, newer: World) -> None:
         """Keep what later queries do not need of a world, now that they see a newer one, for changes to come."""
         if newer.trees is not world.trees:
             self._retired.add(world.trees, newer.trees)
 
+    def _open_refit(self, world: World, geometry_id: int, session: DeviceSession) -> Refit:
+        """Return what refits the tree of a geometry from now on."""
+        shape, prims = world.state.shapes[geometry_id], self._prims.get(geometry_id)
+        if prims is None:
+            prims = self._prims[geometry_id] = DevicePrims(world.trees.session, session, shape)
+        elif prims.shape is not shape:
+            prims.put(session, shape)
+        refit = self._refits[geometry_id] = Refit(world.trees, geometry_id, prims, session)
+        return refit
+
     def _rebuild(
-        self, before: DeviceTrees, geometry_id: int, shape: Shape, session: DeviceSession
+        self, before: DeviceTrees, geometry_id: int, prims: DevicePrims, session: DeviceSession
     ) -> tuple[DeviceTrees, TreeBox]:
         """Return the trees with that of a geometry built anew, and the box around it."""
         # Imported here: most tracers build no second tree.
         from ...builders.build import suit_options
         from ...builders.options import FAST_QUALITY
 
-        self._refits.pop(geometry_id, None)
-        new = NewTree.build(session, shape, suit_options(shape, FAST_QUALITY), before.layout)
+        new = NewTree.build(session, prims, suit_options(prims.shape, FAST_QUALITY), before.layout)
         trees = before.with_room(session, geometry_id, new.tree, self._retired)
         trees.put(session, geometry_id, new)
+        self._refits.pop(geometry_id)
+        if geometry_id == 0:
+            self._tree = FAST_QUALITY
         return trees, new.box
 
     def _check_known(self, instance_ids: NDArray[np.int64]) -> None:

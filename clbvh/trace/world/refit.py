@@ -22,6 +22,10 @@ from .trees import DeviceTrees
 
 _WORK_GROUP = (64,)
 
+# The upper levels of so many nodes together are written by one work-item: a node takes a CPU 0.1 us and a GPU some
+# microseconds, and to start a kernel takes tens of them.
+_SERIAL_NODES = {"cpu": 512, "gpu": 8}
+
 
 class Refit:
     """Writes the tree of one geometry, for one shape after the other.
@@ -30,34 +34,42 @@ class Refit:
     ----------
     trees : DeviceTrees
     geometry_id : int
-    built : Mesh or Spheres
-        The shape that the tree was built over.
+    prims : DevicePrims
+        The shape that the tree was built over; `write` puts other ones there.
     session : DeviceSession
         A branch of the owner's, for this thread.
 
     Attributes
     ----------
+    prims : DevicePrims
+    built : Mesh or Spheres
+        The shape that the tree was built over.
     sah_cost : float
         The expected number of nodes and blocks that a random ray through the root's box meets, as the tree was last
-        written; see `sah_cost` in `bvh/bvh.py`.
-    sah_growth : float
-        The same, divided by that of the tree that was built.
+        written; see `sah_cost` in `bvh/bvh.py`. 0 before that.
+    built_cost : float
+        The same of the tree that was built.
     """
 
-    def __init__(self, trees: DeviceTrees, geometry_id: int, built: Shape, session: DeviceSession) -> None:
-        self.sah_cost, self.sah_growth, self._built_cost = 0.0, 1.0, 0.0
+    def __init__(self, trees: DeviceTrees, geometry_id: int, prims: DevicePrims, session: DeviceSession) -> None:
+        self.prims, self.built, self.sah_cost, self.built_cost = prims, prims.shape, 0.0, 0.0
         owner, self._tree = trees.session, trees.trees[geometry_id]
         self._width = LAYOUT_WIDTHS[trees.layout]
         self._block_width = self._width if self._width > 2 else 1
         with trees.mapped(session, geometry_id, write=False) as (nodes, blocks):
             levels = find_levels(list_children(nodes))
-            prims = blocks["prim_id"].reshape(-1).copy()
+            prim_ids = blocks["prim_id"].reshape(-1).copy()
         order = np.argsort(levels, kind="stable").astype(np.int32)
-        self._level_ends = np.cumsum(np.bincount(levels)).tolist()
-        self._order, self._prim_ids = owner.upload(order), owner.upload(prims)
+        self._launches = _plan_launches(np.bincount(levels), owner.info.kind)
+        self._order, self._prim_ids = owner.upload(order), owner.upload(prim_ids)
         self._block_boxes = owner.allocate(self._tree.block_count * BOX_LANES * 4)
         self._node_boxes = owner.allocate(self._tree.node_count * BOX_LANES * 4)
-        self._prims = DevicePrims(owner, session, built)
+
+    @property
+    def memory_bytes(self) -> int:
+        """Bytes of its buffers."""
+        own = self._order, self._prim_ids, self._block_boxes, self._node_boxes
+        return sum(buffer.size for buffer in own)
 
     def write(self, before: DeviceTrees, moved: DeviceTrees, geometry_id: int, shape: Shape, session: Any) -> TreeBox:
         """Write the tree for a shape, and return the box around it.
@@ -71,14 +83,12 @@ class Refit:
         session : DeviceSession
             A branch of the owner's, for this thread.
         """
-        if self._built_cost == 0.0:
+        if self.built_cost == 0.0:
             # Only those who move a geometry ask how the cost has grown.
             self._write(before, moved, geometry_id, session)
-            self._built_cost = self.sah_cost
-        self._prims.put(session, shape)
-        half = self._write(before, moved, geometry_id, session)
-        self.sah_growth = self.sah_cost / self._built_cost
-        return TreeBox(shape.origin, shape.scale, half)
+            self.built_cost = self.sah_cost
+        self.prims.put(session, shape)
+        return TreeBox(shape.origin, shape.scale, self._write(before, moved, geometry_id, session))
 
     def _write(
         self, before: DeviceTrees, moved: DeviceTrees, geometry_id: int, session: DeviceSession
@@ -86,20 +96,18 @@ class Refit:
         """Write the tree, and return half the size of the box around it that is symmetric about zero."""
         tree = moved.trees[geometry_id]
         blocks = moved.buffers[moved.block_buffer(geometry_id)]
-        self._prims.write_blocks(
+        self.prims.write_blocks(
             session, self._block_width, self._prim_ids, tree.block_count, blocks, first_block=tree.first_block,
             boxes=self._block_boxes,
         )  # fmt: skip
         kernel = build_kernel(session, "refit_nodes", {"TREE_WIDTH": self._width})
-        begin = 0
-        for end in self._level_ends:
+        for begin, end, item_count in self._launches:
             session.run(
-                kernel, (end - begin,), _WORK_GROUP,
+                kernel, (item_count,), _WORK_GROUP if item_count > 1 else (1,),
                 order=self._order, begin=np.int32(begin), end=np.int32(end), links=before.buffers["nodes"],
                 first_link=np.int32(before.trees[geometry_id].first_node), nodes=moved.buffers["nodes"],
                 first_node=np.int32(tree.first_node), block_boxes=self._block_boxes, node_boxes=self._node_boxes,
             )  # fmt: skip
-            begin = end
         lanes = tree.node_count * BOX_LANES
         with session.mapped(self._node_boxes, lanes, np.dtype(np.float32), write=False) as boxes:
             rows = boxes.reshape(-1, BOX_LANES)
@@ -109,6 +117,18 @@ class Refit:
         # A tree in one point: a ray there meets everything.
         self.sah_cost = 1.0 + area / root_area if root_area > 0.0 else float(tree.node_count + tree.block_count)
         return np.maximum(abs(root[:3]), abs(root[4:7]))
+
+
+def _plan_launches(level_sizes: NDArray[np.integer], kind: str) -> list[tuple[int, int, int]]:
+    """Return where each launch of the kernel begins and ends in the order of the nodes, and its work-items."""
+    launches: list[tuple[int, int, int]] = []
+    begin, total = 0, int(level_sizes.sum())
+    for size in level_sizes.tolist():
+        if total - begin <= _SERIAL_NODES.get(kind, 1):
+            return [*launches, (begin, total, 1)]
+        launches.append((begin, begin + size, size))
+        begin += size
+    return launches
 
 
 def list_children(nodes: NDArray[np.void]) -> NDArray[np.int32]:

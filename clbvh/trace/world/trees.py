@@ -21,6 +21,7 @@ from ...bvh import Bvh
 from ...device.session import DeviceSession
 from ...errors import ConfigError, SceneError
 from ...geometry import Mesh, Shape
+from ...geometry.corners import Bounded
 from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ...layouts.device_prims import DevicePrims
 from ...layouts.leaf_blocks import block_struct
@@ -142,7 +143,9 @@ class NewTree:
     @classmethod
     def make(cls, session: DeviceSession, shape: Shape, plan: Bvh | BuildOptions, layout: str) -> Self:
         """Return a finished tree, or one that the device builds by the options."""
-        return cls.from_host(shape, plan, layout) if isinstance(plan, Bvh) else cls.build(session, shape, plan, layout)
+        if isinstance(plan, Bvh):
+            return cls.from_host(shape, plan, layout)
+        return cls.build(session, DevicePrims(session, session, shape), plan, layout)
 
     @classmethod
     def from_host(cls, shape: Shape, bvh: Bvh, layout: str) -> Self:
@@ -167,7 +170,7 @@ class NewTree:
         return cls(tree, arrays.nodes, arrays.blocks, box)
 
     @classmethod
-    def build(cls, session: DeviceSession, shape: Shape, options: BuildOptions, layout: str) -> Self:
+    def build(cls, session: DeviceSession, prims: DevicePrims, options: BuildOptions, layout: str) -> Self:
         """Build a tree on the device; its arrays never leave it.
 
         Raises
@@ -178,7 +181,7 @@ class NewTree:
         # Imported here: a tracer of a finished tree needs no builder.
         from ...builders.device.build_device import TreeForm, build_tree_on
 
-        form, prims = TreeForm.of_layout(layout), DevicePrims(session, session, shape)
+        form, shape = TreeForm.of_layout(layout), prims.shape
         built = build_tree_on(session, prims, options, form)
         blocks = prims.make_blocks(session, form.block_width, built.prims, built.block_count)
         stack_size = pad_stack(layout, built.stack_size, built.stack_size)
@@ -339,7 +342,7 @@ class DeviceTrees:
         return moved
 
 
-def _kind_of(shape: Shape) -> int:
+def _kind_of(shape: Bounded) -> int:
     return PRIM_KINDS["triangles" if isinstance(shape, Mesh) else "spheres"]
 
 

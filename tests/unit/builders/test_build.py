@@ -47,7 +47,8 @@ def test_every_shape_gives_a_right_tree_and_the_same_bytes_whoever_builds_it(bui
 def test_trees_are_as_good_as_their_quality_says(shape):
     mesh = make_shape(shape, triangles=5000, seed=1)
     fast, default, high = (sah_cost(build(mesh, quality=quality)) for quality in QUALITIES)
-    assert high < default < fast < 1.2 * default
+    assert high < default
+    assert fast < 1.2 * default
     assert sah_cost(build(mesh, builder="bin")) < 1.1 * sah_cost(build(mesh, builder="median"))
 
 
@@ -66,7 +67,7 @@ def test_each_phase_is_timed_and_no_thread_is_left(mesh, pool):
     build(mesh, workers=3, task_threshold=100)  # the compiled code is loaded
     before = threading.active_count()
     for recipe, phases in (
-        ({"quality": "fast"}, "treelets subtrees compact"),
+        ({"quality": "fast"}, "upload sort merge place download"),
         ({"quality": "high"}, "metadata top subtrees compact finer bins expand_leaves reinsert collapse"),
         ({"builder": "range"}, "share top subtrees convert"),
         ({"builder": "flatten"}, "share metadata top subtrees flatten"),
