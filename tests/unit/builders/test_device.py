@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions, ConfigError, DeviceError, Mesh, Spheres, build, make_shape, sah_cost, validate_tree
-from clbvh.builders.build import build_shape
+from clbvh.builders.build import build_shape, suit_options
 from clbvh.builders.device import build_device
 from clbvh.builders.device.build_device import TreeForm, build_tree_on
 from clbvh.builders.device.passes import CLUSTERS_LEFT, TILE_SIZE, plan_passes
@@ -60,8 +60,8 @@ def test_the_arrays_of_a_layout_are_those_that_the_host_makes_of_the_tree(sessio
         validate_tree(bvh, max_depth=64, max_leaf_size=FAST.leaf_size)
         for layout in LAYOUT_WIDTHS:
             expected, form = make_device_arrays(bvh, layout), TreeForm.of_layout(layout)
-            tree = build_tree_on(session, DevicePrims(session, session, shape), FAST, form)
             prims = DevicePrims(session, session, shape)
+            tree = build_tree_on(session, prims, suit_options(shape, "fast"), form)
             blocks = prims.make_blocks(session, form.block_width, tree.prims, tree.block_count)
             for buffer, array in ((tree.nodes, expected.nodes), (blocks, expected.blocks)):
                 found = np.empty_like(array)
