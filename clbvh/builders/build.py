@@ -88,7 +88,9 @@ def build(
     Parameters
     ----------
     mesh : Mesh, trimesh.Trimesh, str, path or (vertices, faces)
-        A path names a mesh file, see `clbvh.load_mesh`.
+        A path names a mesh file, see `clbvh.load_mesh`. For the quality ``"fast"`` vertices and faces may be a
+        `pyopencl.array.Array`, float32 or float64, and int32, in one context: the device copies them, and the host
+        downloads what it reads. Without double precision there, or on another device, they go by way of the host.
     workers : int, optional
         Threads that build, at most; the number of usable processors without it. A small mesh is built by fewer: one
         for every 10,000 triangles, unless a task threshold is given.
@@ -134,6 +136,11 @@ def build(
     True
     """
     options = BuildOptions(bins, leaf_size, traversal_cost, task_threshold, frontier, quality)
+    if quality == FAST_QUALITY:
+        # Imported here: other trees are built where there is no OpenCL.
+        from ..layouts.device_mesh import take_mesh
+
+        return build_tree(take_mesh(mesh, device), builder, pool, options, workers, device)
     return build_tree(as_mesh(mesh), builder, pool, options, workers, device)
 
 

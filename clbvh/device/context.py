@@ -184,17 +184,11 @@ class DeviceContext:
 
     Parameters
     ----------
-    cl_device : pyopencl.Device
-
-    Attributes
-    ----------
     context : pyopencl.Context
     """
 
-    def __init__(self, cl_device: Any) -> None:
-        import pyopencl as cl
-
-        self.context = cl.Context([cl_device])
+    def __init__(self, context: Any) -> None:
+        self.context = context
         self._kernels: dict[Hashable, Kernels] = {}
         self._compiling = threading.Lock()
 
@@ -208,16 +202,19 @@ class DeviceContext:
         return self._kernels[key]
 
 
-def open_context(info: DeviceInfo) -> DeviceContext:
-    """Return the context of a device, created when first asked for; it stays for the rest of the process."""
+def open_context(info: DeviceInfo, context: Any = None) -> DeviceContext:
+    """Return a device's context, created when first asked for, or a user's; either stays as long as the process."""
+    import pyopencl as cl
+
+    key = info.cl_device if context is None else context
     with _contexts_lock:
-        if info.cl_device not in _contexts:
-            _contexts[info.cl_device] = DeviceContext(info.cl_device)
-        return _contexts[info.cl_device]
+        if key not in _contexts:
+            _contexts[key] = DeviceContext(context or cl.Context([info.cl_device]))
+        return _contexts[key]
 
 
 def forget_context(context: DeviceContext | None) -> None:
     """Let sessions that open later have another context: the driver has given up on this one."""
     with _contexts_lock:
-        for cl_device in [cl_device for cl_device, known in _contexts.items() if known is context]:
-            del _contexts[cl_device]
+        for key in [key for key, known in _contexts.items() if known is context]:
+            del _contexts[key]

@@ -33,8 +33,8 @@ _ENTRY_POINT = re.compile(r"^kernel void (\w+)\(([^)]*)\)", re.MULTILINE)
 _SHARED_ARGUMENTS = re.compile(r"^#define (\w+_ARGUMENTS) ((?:.*\\\n)*.*)", re.MULTILINE)
 
 # An argument that is a number, and the types of these.
-_NUMBER = re.compile(r"(?:^|,)\s*(?:const )?(int|uint|float) (\w+)\s*(?=,|$)")
-_NUMBER_TYPES: dict[str, type[Any]] = {"int": np.int32, "uint": np.uint32, "float": np.float32}
+_NUMBER = re.compile(r"(?:^|,)\s*(?:const )?(int|uint|float|double) (\w+)\s*(?=,|$)")
+_NUMBER_TYPES: dict[str, type[Any]] = {"int": np.int32, "uint": np.uint32, "float": np.float32, "double": np.float64}
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import Any, Self
 from weakref import ref
 
 import numpy as np
@@ -26,7 +26,7 @@ from .context import (
 )
 from .info import DeviceInfo
 from .pocl_linker import explain_missing_linker
-from .select import choose_device, find_again
+from .select import choose_device, find_again, list_devices
 from .settings import Settings, find_settings
 
 # A buffer of no bytes is an error in OpenCL; an empty array gets this many.
@@ -91,6 +91,22 @@ class DeviceSession(ContextManager):
         if reason := explain_missing_linker(info.driver_version):
             raise DeviceError(reason)
         self._open(info, find_settings(info), EventTimes(), None)
+
+    @classmethod
+    def in_context(cls, context: Any) -> Self:
+        """Return a session on the first device of a `pyopencl.Context` that somebody else has made.
+
+        Raises
+        ------
+        DeviceError
+            The driver refuses, or does not list the device.
+        """
+        info = next((each for each in list_devices() if each.cl_device == context.devices[0]), None)
+        if info is None:
+            raise DeviceError(f"the device of {context} is none of those that `clbvh devices` lists")
+        session = cls.__new__(cls)
+        session._open(info, find_settings(info), EventTimes(), open_context(info, context))
+        return session
 
     def branch(self) -> DeviceSession:
         """Return another session on the same device, for another thread; it uses the buffers of this one as well.

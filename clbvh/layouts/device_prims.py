@@ -14,6 +14,7 @@ from ..device.program import build_kernel
 from ..device.session import DeviceSession, ReusableBuffer
 from ..geometry import Mesh, Spheres
 from ..geometry.corners import Bounded, find_corners
+from .device_mesh import DeviceMesh
 from .leaf_blocks import block_struct
 
 _WORK_GROUP = (64,)
@@ -51,11 +52,16 @@ class DevicePrims:
 
     def put(self, session: DeviceSession, shape: Bounded) -> None:
         """Put a shape into the buffers; the corners of a mesh, its faces, are there already after the first."""
-        corners = find_corners(shape)
-        is_first = not hasattr(self, "shape")
-        self.points = self._write(session, "points", corners.points)
-        if is_first or not isinstance(shape, Mesh):
-            self.corners = self._write(session, "corners", corners.ids)
+        # A buffer that a shape has on the device is used as it is.
+        stored = shape if isinstance(shape, DeviceMesh) else None
+        points = stored and stored.buffer_on(session, "local_vertices")
+        ids: Any = getattr(self, "corners", None) if isinstance(shape, Mesh) else None
+        ids = ids or (stored and stored.buffer_on(session, "faces"))
+        if points is None or ids is None:
+            corners = find_corners(shape)
+            points = points or self._write(session, "points", corners.points)
+            ids = ids or self._write(session, "corners", corners.ids)
+        self.points, self.corners = points, ids
         self._sources: dict[str, Any] = dict.fromkeys(("centres", "radii", "degenerate"))
         if isinstance(shape, Spheres):
             self._sources["centres"] = self._write(session, "centres", shape.local_centres)

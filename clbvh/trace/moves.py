@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from ..bvh import Bvh
 from ..errors import ConfigError, SceneError
-from ..geometry import Mesh, Spheres
+from ..geometry import Mesh, Shape, Spheres
+from ..layouts.device_mesh import move_mesh
 from ..scene.handles import Geometry, Instance
 from ..support.context_manager import ContextManager
 from .launch import Call, Caster
@@ -38,7 +39,8 @@ class Moves(ContextManager):
         Parameters
         ----------
         vertices : (V, 3) float, the file's coordinates
-            The same number as before; copied. Size and place of the mesh may change.
+            The same number as before; copied. Size and place of the mesh may change. A `pyopencl.array.Array` in
+            `Tracer.context` does not leave the device.
 
         Raises
         ------
@@ -75,7 +77,7 @@ class Moves(ContextManager):
         if self._caster.world.mesh is None:
             raise ConfigError("a tracer of a scene moves one geometry: call set_vertices(geometry, vertices)")
         with self._changing() as (call, world):
-            mesh = self.mesh.with_vertices(vertices)
+            mesh = move_mesh(self.mesh, vertices, call.session)
             self._use(self._changes.set_shape(world, 0, mesh, call.session))
 
     def set_transforms(self, instances: Instance | int | Iterable[Instance | int], transforms: ArrayLike) -> None:
@@ -155,7 +157,10 @@ class Moves(ContextManager):
         """
         with self._changing() as (call, world):
             geometry_id, shape = self._changes.find_shape(world, geometry)
-            moved = shape.with_spheres(vertices) if isinstance(shape, Spheres) else shape.with_vertices(vertices)
+            if isinstance(shape, Spheres):
+                moved: Shape = shape.with_spheres(vertices)
+            else:
+                moved = move_mesh(shape, vertices, call.session)
             self._use(self._changes.set_shape(world, geometry_id, moved, call.session))
 
     @property

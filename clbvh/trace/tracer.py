@@ -6,12 +6,12 @@ Its queries are in `ray_queries` and `point_queries`, its changes in `moves`.
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
-from ..device.session import DeviceSession
-from ..geometry import Mesh, MeshLike, as_mesh
+from ..geometry import Mesh, MeshLike
+from ..layouts.device_mesh import open_session, take_mesh
 from ..scene.scene import Scene
 from ..scene.state import SceneState
 from .launch import Caster
@@ -38,7 +38,8 @@ class Tracer(RayQueries, PointQueries):
     ----------
     source : Scene, Bvh, or Mesh, trimesh.Trimesh, str, path or (vertices, faces)
         A scene as it is now; a tree; or a mesh. Trees are built in this process, as `clbvh.build` does. A path names a
-        mesh file.
+        mesh file. Vertices and faces may be a `pyopencl.array.Array`, float32 or float64, and int32: with the quality
+        ``"fast"`` they stay on their device, where the tracer then is; see `clbvh.build`.
     device : DeviceInfo, str, int or None
         The device: a number, part of its name, ``"gpu"`` or ``"cpu"``; by default a GPU, if there is one.
     layout : str
@@ -74,11 +75,12 @@ class Tracer(RayQueries, PointQueries):
         quality: str = "default",
     ) -> None:
         check_layout(layout)
-        scene = source if isinstance(source, Scene) else Scene(_find_mesh(source))
+        mesh = None if isinstance(source, Scene) else _find_mesh(source, device)
+        scene = source if isinstance(source, Scene) else Scene(mesh)
         state = scene.snapshot()
         # A tree on the device is built once that is open.
         plans = [source] if isinstance(source, Bvh) else _plan_trees(state, quality)
-        session = DeviceSession(device)
+        session = open_session(mesh, device)
         try:
             self._caster = Caster(session, open_world(session, state, plans, layout))
         except BaseException:
@@ -91,6 +93,11 @@ class Tracer(RayQueries, PointQueries):
     def device(self) -> DeviceInfo:
         """The device that the tree is on."""
         return self._caster.session.info
+
+    @property
+    def context(self) -> Any:
+        """The `pyopencl.Context` of the tracer: arrays in it need not leave the device, see `update`."""
+        return self._caster.session.context
 
     @property
     def layout(self) -> str:
@@ -136,8 +143,8 @@ class Tracer(RayQueries, PointQueries):
         return f"Tracer({name!r}, device={self.device.name!r}, layout={self.layout!r})"
 
 
-def _find_mesh(source: Bvh | MeshLike) -> Mesh:
-    return source.mesh if isinstance(source, Bvh) else as_mesh(source, or_else="a clbvh.Bvh")
+def _find_mesh(source: Bvh | MeshLike, device: DeviceInfo | str | int | None) -> Mesh:
+    return source.mesh if isinstance(source, Bvh) else take_mesh(source, device, or_else="a clbvh.Bvh")
 
 
 def _plan_trees(state: SceneState, quality: str) -> list[Bvh | BuildOptions]:

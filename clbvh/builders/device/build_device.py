@@ -20,6 +20,7 @@ from ...device.radix_sort import PAIR_BYTES, sort_pairs
 from ...device.session import DeviceSession
 from ...errors import DeviceError
 from ...geometry.corners import Bounded
+from ...layouts.device_mesh import open_session
 from ...layouts.device_prims import DevicePrims
 from ...layouts.wide import block_price
 from ...structs import (
@@ -119,7 +120,7 @@ def build_fast(shape: Bounded, options: BuildOptions, device: DeviceInfo | str |
     """
     watch = Stopwatch()
     try:
-        session = DeviceSession(device)
+        session = open_session(shape, device)
     except DeviceError as error:
         raise DeviceError(f"{error}; quality='default' builds without a device") from error
     with session:

@@ -6,6 +6,7 @@ ellipsoid, whose axes are those of the singular value decomposition. See cl/near
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,15 +45,15 @@ class Metrics(NamedTuple):
 class LazyMetrics:
     """The metrics of one world, made when points first ask for them: rays and moves need none."""
 
-    def __init__(self, arrays: SurfaceArrays, scale: float) -> None:
-        self._arrays, self._scale = arrays, scale
+    def __init__(self, find_arrays: Callable[[], SurfaceArrays], scale: float) -> None:
+        self._find_arrays, self._scale = find_arrays, scale
         self._made: tuple[Metrics, Any] | None = None
 
     def on(self, owner: DeviceSession, session: DeviceSession) -> tuple[Metrics, Any]:
         """Return the metrics and their buffer, which the owner has; two threads may make the same at once."""
         made = self._made
         if made is None:
-            metrics = make_metrics(self._arrays, self._scale)
+            metrics = make_metrics(self._find_arrays(), self._scale)
             made = metrics, owner.allocate(metrics.records.nbytes, writable=False)
             session.write(made[1], metrics.records)
             self._made = made

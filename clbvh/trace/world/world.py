@@ -6,9 +6,9 @@ by every mask but 0, the world is lone: its kernels know of no instances, and no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,8 +43,8 @@ class World:
         At least one instance.
     trees : DeviceTrees
         By geometry id.
-    arrays : SurfaceArrays
-        The same in float64, for hits and points.
+    find_arrays : function
+        Returns `arrays`.
     box : TreeBox
         Around everything; its local coordinates are those of rays and points on the device.
     top : TopTree or None
@@ -57,11 +57,16 @@ class World:
 
     state: SceneState
     trees: DeviceTrees
-    arrays: SurfaceArrays
+    find_arrays: Callable[[], SurfaceArrays]
     box: TreeBox
     top: TopTree | None
     top_buffers: dict[str, Any]
     metrics: LazyMetrics
+
+    @property
+    def arrays(self) -> SurfaceArrays:
+        """The scene in float64, for hits and points."""
+        return self.find_arrays()
 
     @property
     def is_lone(self) -> bool:
@@ -218,16 +223,18 @@ def place(trees: DeviceTrees, state: SceneState, session: DeviceSession, arrays:
         The device has no room for the tree over the instances.
     """
     if is_lone(state):
-        arrays = lone_arrays(state.shapes[0])
-        return World(state, trees, arrays, trees.box, None, {}, LazyMetrics(arrays, trees.box.scale))
+        # A mesh on the device is downloaded when a hit needs float64.
+        find_arrays = cache(partial(lone_arrays, state.shapes[0]))
+        return World(state, trees, find_arrays, trees.box, None, {}, LazyMetrics(find_arrays, trees.box.scale))
     arrays = arrays or make_surface_arrays(state.shapes, state.geometry_ids, state.transforms)
     top = TopTree.build(arrays, trees.ranges, state.masks)
     buffers = {}
     for name, array in (("top_nodes", top.nodes), ("instances", top.instances)):
         buffers[name] = trees.session.allocate(array.nbytes, writable=False)
         session.write(buffers[name], array)
-    metrics = LazyMetrics(arrays, float(top.bvh.shape.scale))
-    return World(state, trees, arrays, TreeBox.around(top.bvh), top, buffers, metrics)
+    find_arrays = cache(lambda: arrays)
+    metrics = LazyMetrics(find_arrays, float(top.bvh.shape.scale))
+    return World(state, trees, find_arrays, TreeBox.around(top.bvh), top, buffers, metrics)
 
 
 def with_instances(world: World, top_buffers: dict[str, Any]) -> World:
