@@ -47,7 +47,7 @@ TO_COMPILE = {
 # references that nobody asked for.
 OTHERS = {
     "asyncio", "imageio", "matplotlib", "numpy.f2py", "numpy.testing", "PIL", "pooch", "requests", "trimesh",
-    "unittest", "clbvh.builders.hlbvh", "clbvh.builders.ladder.steps", "clbvh.builders.reinsertion",
+    "unittest", "clbvh.builders.device", "clbvh.builders.ladder.steps", "clbvh.builders.reinsertion",
     "clbvh.geometry.loading.gltf", "clbvh.geometry.loading.obj", "clbvh.trace.check.reference",
 }  # fmt: skip
 

@@ -186,8 +186,8 @@ def test_leaf_size_and_cost_are_obeyed_and_the_default_leaves_suit_the_layout(se
     mesh = make_shape("blobs", triangles=3000)
     for leaf_size in (1, 2, 30, 255):
         bvh = build(mesh, quality="fast", leaf_size=leaf_size, traversal_cost=30.0)
-        assert bvh.nodes["count"].max() == min(leaf_size, bvh.nodes["count"].max())
-        assert bvh.nodes["count"].max() > leaf_size // 4
+        most = bvh.nodes["count"].max()
+        assert most == leaf_size if leaf_size < 3 else leaf_size // 4 < most <= leaf_size
         _, prims, tree = build_on(session, mesh, TreeForm(8), BuildOptions(leaf_size=leaf_size, quality="fast"))
         assert len(prims) == 8 * tree.block_count
     assert sah_cost(build(mesh, quality="fast")) < sah_cost(build(mesh, quality="fast", leaf_size=1))
