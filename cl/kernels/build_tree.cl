@@ -97,26 +97,24 @@ kernel void mark_root(TREE_ARGUMENTS, const int root)
     }
 }
 
-// Mark the merges of a pass that become wide nodes, those of later passes being marked.
-kernel void mark_tiles(TREE_ARGUMENTS, PASS_ARGUMENTS)
+// Mark the merges of a pass that become wide nodes, those of later passes being marked; count what is below the nodes
+// of a pass, those of earlier passes being counted. The first pass does both while its merges are in the cache.
+kernel void visit_tiles(TREE_ARGUMENTS, PASS_ARGUMENTS, const int marks, const int counts)
 {
     MAKE_TREE;
     const int2 range = MERGES_OF_TILE;
-    for (int number = range.y - 1; number >= range.x; number--) {
-        if (tree.is_node[number]) {
-            mark_children(&tree, number);
+    if (marks) {
+        for (int number = range.y - 1; number >= range.x; number--) {
+            if (tree.is_node[number]) {
+                mark_children(&tree, number);
+            }
         }
     }
-}
-
-// Count what is below the nodes of a pass, those of earlier passes being counted.
-kernel void count_tiles(TREE_ARGUMENTS, PASS_ARGUMENTS)
-{
-    MAKE_TREE;
-    const int2 range = MERGES_OF_TILE;
-    for (int number = range.x; number < range.y; number++) {
-        if (tree.is_node[number]) {
-            count_subtree(&tree, number);
+    if (counts) {
+        for (int number = range.x; number < range.y; number++) {
+            if (tree.is_node[number]) {
+                count_subtree(&tree, number);
+            }
         }
     }
 }

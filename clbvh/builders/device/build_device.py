@@ -256,8 +256,10 @@ class _Build:
         session, root = self._session, np.int32(self._root)
         if self._form.width > 2:
             session.run(self._kernels["mark_root"], (1,), (1,), **self._tree, root=root)
-            self._run_tiles("mark_tiles", reversed(self._passes))
-            self._run_tiles("count_tiles", self._passes)
+            yes, no = np.int32(1), np.int32(0)
+            self._run_tiles("visit_tiles", reversed(self._passes[1:]), marks=yes, counts=no)
+            self._run_tiles("visit_tiles", self._passes[:1], marks=yes, counts=yes)
+            self._run_tiles("visit_tiles", self._passes[1:], marks=no, counts=yes)
         summary_buffer = session.allocate(TREE_SUMMARY.itemsize)
         session.run(self._kernels["summarize"], (1,), (1,), **self._tree, root=root, summary=summary_buffer)
         summary = np.empty(1, TREE_SUMMARY)
