@@ -118,7 +118,7 @@ class DevicePrims:
 
     def make_blocks(self, session: DeviceSession, block_width: int, prims: Any, block_count: int) -> Any:
         """Return a new buffer of the blocks."""
-        blocks = session.allocate(block_count * block_struct(self.shape, block_width).itemsize)  # type: ignore[arg-type]
+        blocks = session.allocate(block_count * block_struct(self.shape, block_width).itemsize)
         self.write_blocks(session, block_width, prims, block_count, blocks)
         return blocks
 

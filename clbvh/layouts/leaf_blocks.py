@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Mesh, Shape
+from ..geometry.corners import Bounded
 from ..structs import NO_PRIM, SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS
 from ..support.compiled import compiled
 
 
-def block_struct(shape: Shape, width: int) -> np.dtype:
+def block_struct(shape: Bounded, width: int) -> np.dtype:
     """Return the struct of a block of `width` primitives of a shape."""
     return TRIANGLE_BLOCKS.get(width, TRIANGLE) if isinstance(shape, Mesh) else SPHERE_BLOCKS.get(width, SPHERE)
 

@@ -111,6 +111,7 @@ class Changes:
         if growth > REBUILD_GROWTH:
             del trees  # the device need not have room for it and for the next one
             growth = 1.0
+            session.finish()
             trees, box = self._rebuild(before, geometry_id, refit.prims, session)
         if geometry_id == 0:
             trees = replace(trees, box=box)
@@ -143,9 +144,15 @@ class Changes:
         from ...builders.build import suit_options
         from ...builders.options import FAST_QUALITY
 
-        new = NewTree.build(session, prims, suit_options(prims.shape, FAST_QUALITY), before.layout)
-        trees = before.with_room(session, geometry_id, new.tree, self._retired)
-        trees.put(session, geometry_id, new)
+        # By the owner of the buffers: a tree that is alone stays in those that it was built in.
+        owner = before.session
+        new = NewTree.build(owner, prims, suit_options(prims.shape, FAST_QUALITY), before.layout)
+        owner.finish()
+        if len(before.trees) == 1:
+            trees = DeviceTrees.join(owner, [prims.shape], [new], before.layout)
+        else:
+            trees = before.with_room(session, geometry_id, new.tree, self._retired)
+            trees.put(session, geometry_id, new)
         self._refits.pop(geometry_id)
         if geometry_id == 0:
             self._tree = FAST_QUALITY

@@ -218,7 +218,7 @@ class DeviceTrees:
     _host_view: HostView = field(default_factory=lambda: HostView(), repr=False)
 
     @classmethod
-    def join(cls, session: DeviceSession, shapes: Sequence[Shape], trees: Sequence[NewTree], layout: str) -> Self:
+    def join(cls, session: DeviceSession, shapes: Sequence[Bounded], trees: Sequence[NewTree], layout: str) -> Self:
         """Put trees into their places on a device.
 
         Parameters
