@@ -62,7 +62,7 @@ class Moves(ContextManager):
         to the device, and nothing else does.
 
         A tree that is updated is on the device twice, and once more for each older mesh that queries of other threads
-        still use; its boxes and its mesh take ... bytes per triangle besides. The tree that the tracer was made of does
+        still use, and about 30 bytes per triangle to refit by. The tree that the tracer was made of does
         not change.
 
         Examples
