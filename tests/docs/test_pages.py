@@ -159,18 +159,6 @@ def test_make_has_these_targets():
                 assert command.split()[1] in targets, f"{name(page)}: {command}"
 
 
-def test_pictures_have_their_command():
-    pages = "\n".join(page.read_text() for page in PAGES)
-    for picture in sorted((REPOSITORY / "docs" / "pictures").glob("*.png")):
-        assert re.search(rf"pictures/{picture.name}\)", pages), picture.name
-        assert re.search(rf"`(clbvh|python)[^`]*{picture.stem}", pages), picture.name
-
-
-def test_pictures_are_small():
-    sizes = [path.stat().st_size for path in (REPOSITORY / "docs" / "pictures").iterdir()]
-    assert sum(sizes) < 1_500_000
-
-
 def test_recipes_quote_their_scripts():
     quotes = [
         (snippet, snippet.reason.removeprefix("from "))
