@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import pytest
 import trimesh
-
-from clbvh import BuildOptions
 
 from .command import refuses, run_clbvh
 
@@ -99,15 +95,6 @@ def test_a_file_without_alpha_is_refused_before_any_work(folder, monkeypatch):
 def test_an_unknown_device_is_exit_code_3(folder):
     for words in ("render mesh.ply -o a.png", "warmup", "study -o ."):
         refuses(run_clbvh(*words.split(), "--device", "no such card"), 3, "no such card")
-
-
-def test_the_help_names_the_options_of_builds_without_markup():
-    for verb in ("stats", "render", "images", "sheet"):
-        text = " ".join(run_clbvh(verb, "--help", COLUMNS="200", NO_COLOR="1").stdout.split())
-        for field in fields(BuildOptions):
-            assert f"--{field.name.replace('_', '-')} " in text, verb
-        assert "`" not in text.replace("`clbvh devices`", "")
-    assert "bvh2, bvh4, bvh8, or auto" in text
 
 
 def test_no_words_are_wrong_usage_and_get_the_help():
