@@ -12,7 +12,6 @@ import doctest
 import importlib
 import re
 import shlex
-import textwrap
 import warnings
 from pathlib import Path
 
@@ -157,31 +156,6 @@ def test_make_has_these_targets():
         for command in [*list_lines(page), *re.findall(r"`(make [^`]+)`", page.read_text())]:
             if re.match(r"make [a-z]", command):
                 assert command.split()[1] in targets, f"{name(page)}: {command}"
-
-
-def test_recipes_quote_their_scripts():
-    quotes = [
-        (snippet, snippet.reason.removeprefix("from "))
-        for page in PAGES
-        for snippet in find_snippets(page)
-        if (snippet.reason or "").startswith("from ")
-    ]
-    assert {path for _, path in quotes} >= {f"examples/{name}.py" for name in ("lidar_scan", "sky_view", "turntable")}
-    for snippet, path in quotes:
-        script = (REPOSITORY / path).read_text()
-        assert snippet.text in script or textwrap.indent(snippet.text, "    ") in script, f"{snippet}: not in {path}"
-
-
-def test_the_architecture_names_files_and_lists_that_exist():
-    page = (REPOSITORY / "docs" / "architecture.md").read_text()
-    drawing = (REPOSITORY / "docs" / "pictures" / "architecture.svg").read_text()
-    paths = re.findall(r"\b(?:clbvh|cl)/[\w./]*\w", page + drawing)
-    assert len(paths) > 40
-    assert [path for path in paths if not (REPOSITORY / path).exists()] == []
-    lists = re.findall(r"`(\w+)` in `([\w/.]+)` \|$", page, re.MULTILINE)
-    assert len(lists) > 8
-    for word, path in lists:
-        assert re.search(rf"^(class )?{word}\b", (REPOSITORY / path).read_text(), re.MULTILINE), f"{word} in {path}"
 
 
 def replace_placeholders(command: str) -> list[str]:

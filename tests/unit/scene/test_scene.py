@@ -292,12 +292,6 @@ def make_painted():
     return scene
 
 
-def test_equal_materials_are_one():
-    state = make_painted().snapshot()
-    assert state.materials == (GOLD, TILES)
-    assert state.material_ids.tolist() == [-1, 0, 1, 1, 0, 0]
-
-
 def test_a_geometry_has_one_shape_for_each_material_which_shares_its_arrays():
     shapes, shape_ids = dress_shapes(make_painted().snapshot())
     assert shape_ids.tolist() == [0, 2, 4, 4, 2, 3]
