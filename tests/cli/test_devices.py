@@ -3,8 +3,6 @@
 The doctor touches drivers in processes of its own, so its command runs in this one.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

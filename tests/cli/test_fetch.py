@@ -1,7 +1,5 @@
 """`clbvh fetch`, against a server on this machine: complete downloads, damaged ones, and refusals."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import tarfile

@@ -1,7 +1,5 @@
 """What pictures show and from where, of all verbs that draw: `render`, `sheet`, `turntable` and `images`."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

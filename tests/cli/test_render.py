@@ -1,7 +1,5 @@
 """`clbvh render`: pictures, tables, JSON objects and files of hits, of meshes and of scenes."""
 
-from __future__ import annotations
-
 import json
 import os
 import pty

@@ -1,7 +1,5 @@
 """`clbvh study`: tiny experiments on one page."""
 
-from __future__ import annotations
-
 import pytest
 
 from clbvh.study import scale

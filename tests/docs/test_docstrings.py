@@ -3,8 +3,6 @@
 An example brings its own imports: it is read alone, on the site and by `help`.
 """
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import pkgutil

@@ -5,8 +5,6 @@ of; what a page needs besides them, its earlier blocks make. A TOML block is a s
 with the name, and later blocks find it there.
 """
 
-from __future__ import annotations
-
 import ast
 import doctest
 import importlib

@@ -3,8 +3,6 @@
 A mesh is a target as a file is: its few bytes are the seed that everything follows from.
 """
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 from functools import cache
 from typing import Any

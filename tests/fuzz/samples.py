@@ -1,7 +1,5 @@
 """Valid files of every format, small and of many kinds: the fuzz starts from these."""
 
-from __future__ import annotations
-
 import io
 import struct
 

@@ -96,9 +96,6 @@ def check_like_flattened(ray, rays):
 
 
 class TestContract:
-    def test_hits_are_those_of_the_flattened_mesh(self, ray, rays):
-        check_like_flattened(ray, rays)
-
     def test_nodes_have_the_names_of_now(self, ray, rays):
         for _ in range(2):
             assert ray.nodes.tolist() == ["ring", "crate", "mirrored", "ball", "second ring"]

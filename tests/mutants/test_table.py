@@ -1,7 +1,5 @@
 """The tables of mutants fit the code; `make mutants` is the test of the tests."""
 
-from __future__ import annotations
-
 import pytest
 
 from .laboratory import FAILED, PASSED, Laboratory, importers

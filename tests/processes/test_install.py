@@ -5,8 +5,6 @@ They do not borrow clbvh: a path in a `.pth` file is not searched for further `.
 install is found.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Damaged machine code is compiled again and replaced; a full disk, and two processes at once, do no harm."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os

@@ -4,8 +4,6 @@ The functions that are compiled here are those of the suite, in one folder: a wa
 and leaves the rest to them. So a test compares lists of versions, not times.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

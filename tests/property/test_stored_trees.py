@@ -1,7 +1,5 @@
 """Any damaged file is no tree (forged ones: `make fuzz`); any tree comes back, and any move leaves a right tree."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st

@@ -1,7 +1,5 @@
 """Files that were read wrong, read without end, or ended in a traceback."""
 
-from __future__ import annotations
-
 import os
 import struct
 import subprocess

@@ -1,7 +1,5 @@
 """Rays that missed what they hit, or hit what they miss, by the rounding of a box or of a triangle."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

@@ -1,7 +1,5 @@
 """STL files, text and binary, with colours of both kinds; and OFF files with their looks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

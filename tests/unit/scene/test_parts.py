@@ -1,7 +1,5 @@
 """Scenes of several parts, each a geometry of its own: of GLB, glTF and OBJ files, of trimesh, and of clbvh itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

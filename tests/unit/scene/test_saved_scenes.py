@@ -1,7 +1,5 @@
 """Scenes in files: a saved scene comes back with its looks, and every other content is refused."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import json
@@ -13,7 +11,6 @@ import pytest
 
 import clbvh
 from clbvh import ConfigError, SceneError
-from clbvh.scene import serialize
 
 from .test_scene import same
 
@@ -189,23 +186,6 @@ def test_other_files_and_paths_are_refused(path, tmp_path):
             make_scene().save(target)
         with pytest.raises(SceneError):
             clbvh.Scene.load(target)
-
-
-def test_a_failed_save_leaves_the_old_file_and_nothing_else(path, monkeypatch):
-    before, whole = path.read_bytes(), serialize.write_atomically
-
-    def fail(target, write):
-        def write_half(file):
-            write(file)
-            raise OSError("no space left on device")
-
-        whole(target, write_half)
-
-    monkeypatch.setattr(serialize, "write_atomically", fail)
-    with pytest.raises(OSError, match="no space"):
-        clbvh.Scene().save(path)
-    assert [file.name for file in path.parent.iterdir()] == [path.name]
-    assert path.read_bytes() == before
 
 
 def test_a_forged_text_is_refused_by_its_fault(path):

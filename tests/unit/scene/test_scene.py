@@ -1,7 +1,5 @@
 """A scene: what is added and placed, names and ids, colours and materials, snapshots and copies."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import threading
