@@ -27,15 +27,11 @@ from clbvh.choices import REPORT_SHADINGS
 from clbvh.geometry.appearance.srgb import srgb_to_linear
 from clbvh.rendering import built_scene, painters, picture as picture_module
 
+from ..unit.trace.scene_states import affine
+
 VIEW = clbvh.View(width=96, height=64, up="y")
 KNOT = clbvh.make_shape("knot", triangles=4000, seed=1)
 RED, GREEN, BLUE = (0.8, 0.1, 0.05), (0.2, 0.5, 0.15), (0.1, 0.2, 0.9)
-
-
-def affine(linear, translation=(0.0, 0.0, 0.0)):
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = linear, translation
-    return matrix
 
 
 def rotation(seed):

@@ -10,6 +10,8 @@ import trimesh
 from clbvh import Scene, SceneError, Tracer
 from clbvh.integrations.trimesh import RayMeshIntersector, SceneRay, tracers
 
+from .test_trimesh_ray import check_same
+
 TO = trimesh.transformations.translation_matrix
 # Rays near an edge may hit either side of it: transformed vertices are rounded.
 MOST_DIFFERENT = 0.002
@@ -62,11 +64,6 @@ def work(monkeypatch):
     note(Tracer, "set_transforms")
     note(Tracer, "set_vertices")
     return done
-
-
-def check_same(obtained, expected):
-    for array, other in zip(obtained, expected, strict=True):
-        np.testing.assert_array_equal(array, other)
 
 
 def flatten(scene):

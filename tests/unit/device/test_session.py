@@ -2,7 +2,6 @@
 
 import re
 import weakref
-from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +14,10 @@ from clbvh.device.program import build_kernel, expand_source, find_arguments
 from clbvh.device.session import DeviceSession
 from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUTS
 from clbvh.support.folders import find_folder
+
+from ...concurrency.threads import run_in_threads
+
+THREADS = 6
 
 
 @pytest.fixture
@@ -106,20 +109,10 @@ def test_times_add_up_by_label_also_in_threads_and_a_command_that_failed_has_non
             seen.append(weakref.ref(event))
             times.note("upload", event)
 
-    run_in_threads(note_many)
+    run_in_threads(*[note_many] * THREADS)
     # A long session does not hoard events.
     assert sum(event() is not None for event in seen) < 500
     assert times.sums_ms() == {"kernel": 2.5, "upload": 2000 * THREADS}
-
-
-THREADS = 6
-
-
-def run_in_threads(work):
-    """Call a function in several threads at once."""
-    with ThreadPoolExecutor(THREADS) as pool:
-        for call in [pool.submit(work) for _ in range(THREADS)]:
-            call.result()
 
 
 def make_error(code):
