@@ -59,15 +59,6 @@ def test_a_text_is_a_cut_and_a_cut_has_a_text():
     assert as_cut("x>100%").resolved((-1e308,) * 3, (1e308,) * 3).first[0] == 1e308
 
 
-def test_a_cut_beside_everything_is_described():
-    note = "the cut takes nothing away: all objects are in the box 0,0,0;1,2,3"
-    misses = ["z=3.01", "y<-0.01", "1,2,3.1;1,1,1", "0,0,-0.1;-1,-1,-1", "box 2,0,0;3,9,9"]
-    for text in misses:
-        assert as_cut(text).describe_miss((0, 0, 0), (1, 2, 3)) == note, text
-    for text in ("z=2.99", "y<0.01", "1,2,2.9;1,1,1", "box -9,-9,-9;0.1,0.1,0.1"):
-        assert as_cut(text).describe_miss((0, 0, 0), (1, 2, 3)) is None, text
-
-
 def trace(tracer, cut, origins, directions):
     """Return t and the ids of the first hits before a cut, or else behind it."""
     begin, end = cut.ranges(origins, directions)

@@ -56,24 +56,6 @@ def same(first, second):
             assert getattr(one, array).tobytes() == getattr(other, array).tobytes()
 
 
-def test_every_form_of_a_shape_is_taken_under_its_name(tmp_path):
-    scene, box = clbvh.Scene(), trimesh.creation.box()
-    box.export(tmp_path / "crate.stl")
-    for source, name in (
-        (BALL, "icosphere"),
-        (box, "Trimesh"),
-        (tmp_path / "crate.stl", "crate"),
-        (str(tmp_path / "crate.stl"), "crate 2"),
-        (TRIANGLE, "mesh"),
-        (DOTS, "dots"),
-    ):
-        assert scene.add(source).name == name
-        alone = clbvh.Scene(source)
-        assert names(alone.geometries) == names(alone.instances) == [name.removesuffix(" 2")]
-        assert alone.snapshot().is_one_mesh == (source is not DOTS)
-    assert scene.geometries[0].shape is BALL
-
-
 def test_what_is_no_shape_is_not_added(scene):
     for source in (None, 5, [], trimesh.PointCloud([[0, 0, 0]]), clbvh.Mesh):
         with pytest.raises(MeshError, match=r"expected clbvh\.Spheres, a trimesh\.Scene, a clbvh\.Mesh"):
