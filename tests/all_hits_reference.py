@@ -1,7 +1,5 @@
 """The check of all hits in worlds: whether they are all crossings that there can be, in their order."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

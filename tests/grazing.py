@@ -5,8 +5,6 @@ or lie in a mesh a million times as long as thick; rays also start on the surfac
 of boxes. Distances of different triangles are equal or nearly so, so a box that is culled too early changes the answer.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from clbvh import Mesh

@@ -4,8 +4,6 @@ The examples of a short run follow from a test's code alone, so that a failure c
 from random seeds: the run's seed stands at the top of the report, and a failing example is printed to be pasted.
 """
 
-from __future__ import annotations
-
 import random
 from typing import Any
 

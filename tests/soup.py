@@ -1,23 +1,14 @@
 """Triangle soups for tests: unconnected triangles, seeded, with as many defects as a test asks for."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from clbvh import Mesh
 
 
 def make_soup(count, seed, *, grid=1000, size=20, copies=0.0, degenerate=0.0, scale=1.0):
-    """Return a mesh of `count` triangles.
+    """Return a mesh of `count` triangles, with first corners on a grid and edges of at most `size` along each axis.
 
-    Parameters
-    ----------
-    grid : int
-        Corners lie on whole numbers from 0 to `grid`; a small one makes equal centroids and coplanar triangles.
-    size : int
-        Edges are at most this long along each axis.
-    copies, degenerate : float
-        Fraction of triangles that repeat another one, and whose corners are equal or lie on a line.
+    A small grid makes equal centroids and coplanar triangles; `copies` and `degenerate` are shares of all triangles.
     """
     random = np.random.default_rng(seed)
     first = random.integers(0, grid, (count, 1, 3), endpoint=True)

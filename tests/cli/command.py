@@ -1,7 +1,5 @@
 """Runs the command: in this process, or in one of its own where the process itself is tested."""
 
-from __future__ import annotations
-
 import io
 import os
 import subprocess

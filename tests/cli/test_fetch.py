@@ -1,7 +1,5 @@
 """`clbvh fetch`, against a server on this machine: complete downloads, damaged ones, and refusals."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import tarfile
@@ -112,13 +110,6 @@ def test_meshes_are_put_into_the_cache_once(site, cache, offer):
     assert site.asked == [f"/pub/{known.archive}" for known in KNOWN_MESHES.values()]
 
 
-def test_a_mesh_of_the_user_s_folder_is_not_fetched(site, cache, monkeypatch, tmp_path):
-    (tmp_path / "dragon_871k.ply").touch()
-    answer = run_clbvh("fetch", "dragon", "--base-url", site.url, CLBVH_MESHES=str(tmp_path))
-    assert answer.stdout.split() == ["dragon", str(tmp_path / "dragon_871k.ply")]
-    assert (site.asked, names_below(cache)) == ([], [])
-
-
 def test_a_wrong_sum_fails_and_leaves_nothing(site, cache):
     for name, known in KNOWN_MESHES.items():  # with its real sum, which is not that of this archive
         site.files[f"/pub/{known.archive}"] = make_archive(known.member)
@@ -158,14 +149,3 @@ def test_an_unknown_name_is_found_out_before_any_download(site, cache, offer):
     offer("bunny")
     refuses(fetch(site, "bunny", "teapot"), 2, "the known ones are bunny, dragon, drill")
     assert site.asked == []
-
-
-def test_the_list_says_what_is_known_and_where(cache):
-    cache.mkdir(parents=True)
-    (cache / "bun_zipper.ply").touch()
-    listed = run_clbvh("fetch")
-    assert listed == run_clbvh("fetch", "--list")
-    lines = listed.stdout.splitlines()
-    assert [line.split()[0] for line in lines] == ["bunny", "dragon", "drill"]
-    assert lines[0].endswith(str(cache / "bun_zipper.ply"))
-    assert "run 'clbvh fetch dragon'" in lines[1]

@@ -1,7 +1,5 @@
 """What pictures show and from where, of all verbs that draw: `render`, `sheet`, `turntable` and `images`."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -98,20 +96,6 @@ class TestUp:
         scene.write_text(scene.read_text().replace('up = "z"\neye = [4, 2, 3]', ""))
         run("render", scene, note=GUESS)
         run("render", cone, "--eye", "0,0,9", "--look-at", "0,0,0")
-
-
-def test_what_is_left_out_of_the_frame_is_said(tmp_path):
-    ball, far = trimesh.creation.icosphere(3), trimesh.creation.icosphere(3)
-    far.update_faces([0])
-    trimesh.util.concatenate(ball, far.apply_translation([900, 0, 0])).export(tmp_path / "ball.obj")
-    for verb, name in OUTPUTS.items():
-        words = (verb, tmp_path / "ball.obj", "-o", tmp_path / name, *SIZE, "--shading", "lambert")
-        words += ("--frames", 2) if verb == "turntable" else ()
-        answer = run_clbvh(*words)
-        assert answer.returncode == 0
-        assert answer.stderr.startswith("clbvh: 1 of 1,281 triangles (0.078 %) is far away from the others")
-        answer = run_clbvh(*words, "--frame", "all")
-        assert (answer.returncode, answer.stderr) == (0, NOTHING if verb == "render" else "")
 
 
 def test_a_sheet_and_its_reports(scene, tmp_path):

@@ -1,7 +1,5 @@
 """`clbvh render`: pictures, tables, JSON objects and files of hits, of meshes and of scenes."""
 
-from __future__ import annotations
-
 import json
 import os
 import pty
@@ -12,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from .command import hidden_drivers, make_environment, refuses, run_clbvh, run_process
+from .command import make_environment, run_clbvh
 
 SIZE = ("--width", 48, "--height", 36)
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
@@ -129,20 +127,6 @@ def test_the_hits_of_a_scene_name_its_objects(scene, tmp_path):
     assert (report["geometries"], report["instances"], report["spheres"]) == (3, 10, 2)
     # From above, the stars are in the middle of the floor.
     assert render(scene, "--eye", "0,9,0.1", "--look-at", "0,0,0", folder=tmp_path)[1]["instance_id"][18, 24] == 9
-
-
-def test_heat_maps_have_a_bar_below(scene, tmp_path):
-    for quantity in ("nodes", "triangles"):
-        assert run_clbvh("render", scene, "-o", tmp_path / "out.png", "--heatmap", quantity).returncode == 0
-        picture = read(tmp_path / "out.png")
-        assert picture.shape[0] > 36
-        assert len(np.unique(picture[:36].reshape(-1, 3), axis=0)) > 5
-        assert int(picture[18, 24].sum()) > int(picture[0, 0].sum())
-
-
-def test_a_machine_without_a_driver_exits_3(mesh, tmp_path):
-    result = run_process("render", mesh, "-o", tmp_path / "a.ppm", **hidden_drivers(tmp_path))
-    refuses(result, 3, "clbvh doctor")
 
 
 class TestKeptTrees:

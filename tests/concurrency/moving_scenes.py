@@ -1,7 +1,5 @@
 """Meshes, spheres and scenes that move between a few states, and queries that tell these apart."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import clbvh

@@ -1,7 +1,5 @@
 """Queries of all kinds and sizes, and their answers as bytes."""
 
-from __future__ import annotations
-
 from dataclasses import is_dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Threads that share a tracer, a pool, or nothing but the device: the answers of one thread."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import threading
@@ -107,12 +105,6 @@ class TestClosing:
 
 
 class TestPool:
-    def test_builds_of_several_threads_take_turns(self, mesh):
-        expected = build(mesh).nodes.tobytes()
-        with SubtreePool(2) as pool:
-            built = run_in_threads(*[lambda: build(mesh, pool=pool, task_threshold=500)] * 4)
-        assert {tree.nodes.tobytes() for tree in built} == {expected}
-
     def test_closing_waits_for_a_build_of_another_thread_and_a_later_one_is_refused(self, mesh):
         pool = SubtreePool(2)
         is_held, order = threading.Event(), []

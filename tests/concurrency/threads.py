@@ -1,7 +1,5 @@
 """Threads whose exceptions are raised where they are joined."""
 
-from __future__ import annotations
-
 import threading
 from concurrent.futures import Future
 

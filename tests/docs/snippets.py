@@ -3,8 +3,6 @@
 A block is left alone where an HTML comment before it says why: `<!-- not run: needs a network -->`.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

@@ -3,8 +3,6 @@
 Ends with 1 if one fails, and keeps its file in `out/fuzz/`; a mesh's holds the bytes that it follows from.
 """
 
-from __future__ import annotations
-
 import argparse
 import random
 import sys

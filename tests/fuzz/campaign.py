@@ -1,7 +1,5 @@
 """A run of the fuzz: starts workers, notices files that fail, hang or kill, and goes on behind them."""
 
-from __future__ import annotations
-
 import os
 import select
 import subprocess

@@ -3,26 +3,26 @@
 A mesh is a target as a file is: its few bytes are the seed that everything follows from.
 """
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from clbvh import Mesh, build
+from clbvh import Mesh, Scene, build
 from clbvh.device.session import DeviceSession
 from clbvh.structs import LAYOUT_WIDTHS
+from clbvh.trace.check.intersections import Rays
+from clbvh.trace.check.reference import Reference
 from clbvh.trace.hits.all_hits import find_all_hits
 from clbvh.trace.hits.closest import count_hits, find_any_hits, find_closest_hits
 from clbvh.trace.launch import Caster
 from clbvh.trace.points.queries import SeenPoints, find_closest_points
 from clbvh.trace.rays.batch import read_points, read_rays
 
+from ..all_hits_reference import find_wrong_crossings
 from ..grazing import MESHES, RAYS, make_mesh, make_rays
 from ..kernel.casting import STACK_SIZE
-from ..mesh_reference import find_differences, find_wrong_crossings
 from ..rays import hard_rays, random_rays
 from ..soup import make_soup
 from ..worlds import mesh_on_device
@@ -160,10 +160,10 @@ def check_geometry(session: DeviceSession, seed: int) -> int:
     assert (crossings.prim_id[begins] == closest.prim_id[closest.is_hit]).all()
 
     # And the oracle with them.
-    judged = np.flatnonzero(_are_exact(mesh, rays))
-    differences = find_differences(mesh, rays[0][judged], rays[1][judged], closest.take(judged))
+    judged, reference = np.flatnonzero(_are_exact(mesh, rays)), Reference(Scene(mesh).snapshot())
+    differences = reference.find_differences(Rays.make(rays[0][judged], rays[1][judged]), closest.take(judged))
     assert not differences, str(differences[0])
-    wrong = np.intersect1d(find_wrong_crossings(mesh, *rays, crossings), judged)
+    wrong = np.intersect1d(find_wrong_crossings(reference, Rays.make(*rays), crossings), judged)
     assert not len(wrong), f"the crossings of ray {wrong[0]} are not all that there are"
     return len(judged)
 

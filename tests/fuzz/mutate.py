@@ -1,7 +1,5 @@
 """Damage to files, at random and from a seed: in their bytes, their numbers, their lines, and their JSON values."""
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Sequence

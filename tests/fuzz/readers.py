@@ -8,8 +8,6 @@ file never needs much.
 Geometry against the oracle is another target of the same shape: see `geometry.py`.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

@@ -1,15 +1,14 @@
 """Valid files of every format, small and of many kinds: the fuzz starts from these."""
 
-from __future__ import annotations
-
 import io
-import struct
 
 import numpy as np
 
 from clbvh import make_shape
 
 from ..unit.geometry.gltf_files import CODES, Gltf
+from ..unit.geometry.test_ply import make_ply
+from ..unit.geometry.test_stl_off import facet, make_stl
 
 _SPHERE = make_shape("icosphere", triangles=20)
 _VERTICES, _FACES = _SPHERE.vertices, _SPHERE.faces
@@ -28,25 +27,13 @@ _COUNTED = [_join([len(face), *face] for face in faces) for faces in (_FACES.tol
 
 
 def _make_ply() -> list[bytes]:
-    def head(kind: str, coordinate: str, extra: str, count: int) -> bytes:
-        axes = "".join(f"property {coordinate} {axis}\n" for axis in "xyz")
-        vertices = f"element vertex {len(_VERTICES)}\n{axes}{extra}element face {count}\n"
-        text = (
-            f"ply\nformat {kind} 1.0\ncomment by hand\n{vertices}property list uchar int vertex_indices\nend_header\n"
-        )
-        return text.encode()
-
-    coloured = _join([[*vertex, 200, 1] for vertex in _VERTICES.tolist()])
-    binary = b"".join(struct.pack("<B3i", 3, *face) for face in _FACES.tolist())
-    mixed = b"".join(struct.pack(f">B{len(p)}i", len(p), *p) for p in _POLYGONS)
-    listed = b"".join(struct.pack("<3dB", *vertex, i % 3) + bytes(i % 3) for i, vertex in enumerate(_SURVEY.tolist()))
-    extra = "property uchar red\nproperty char flag\n"
+    faces, double = _FACES.tolist(), ("double", "uchar", "int")
     return [
-        head("ascii", "float", "", 20) + (_POINTS + _COUNTED[0]).encode(),
-        head("ascii", "double", extra, 4) + (coloured + _COUNTED[1]).encode(),
-        head("binary_little_endian", "float", "", 20) + _VERTICES.astype("<f4").tobytes() + binary,
-        head("binary_big_endian", "double", "", 4) + _VERTICES.astype(">f8").tobytes() + mixed,
-        head("binary_little_endian", "double", "property list uchar uchar marks\n", 20) + listed + binary,
+        make_ply(faces, vertices=_VERTICES),
+        make_ply(_POLYGONS, vertices=_VERTICES, types=double, extra=True),
+        make_ply(faces, "binary_little_endian", vertices=_VERTICES),
+        make_ply(_POLYGONS, "binary_big_endian", vertices=_VERTICES, types=double),
+        make_ply(faces, "binary_little_endian", vertices=_SURVEY, types=double, extra=True),
     ]
 
 
@@ -62,17 +49,12 @@ def _make_obj() -> list[bytes]:
 
 def _make_stl() -> list[bytes]:
     corners = _VERTICES[_FACES]
-    binary = b"solid but binary".ljust(80) + struct.pack("<I", len(corners))
-    binary += b"".join(struct.pack("<12fH", 0, 0, 1, *triangle.ravel(), 7) for triangle in corners)
 
     def write(name: str, triangles: np.ndarray) -> bytes:
-        text = f"solid {name}\n"
-        for triangle in triangles:
-            inner = "".join(f"      vertex {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in triangle)
-            text += f"  facet normal 0 0 1\n    outer loop\n{inner}    endloop\n  endfacet\n"
-        return f"{text}endsolid {name}\n".encode()
+        return f"solid {name}\n{''.join(map(facet, triangles))}endsolid {name}\n".encode()
 
-    return [binary, write("ball", corners), write("a", corners[:2]) + write("b vertex", corners[2:4])]
+    texts = write("ball", corners), write("a", corners[:2]) + write("b vertex", corners[2:4])
+    return [make_stl(7, b"solid but binary", corners), *texts]
 
 
 def _make_off() -> list[bytes]:

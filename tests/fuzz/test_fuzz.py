@@ -1,7 +1,5 @@
 """A short run of the fuzz, for which `make fuzz` is the long one; and that it notices every kind of failure."""
 
-from __future__ import annotations
-
 from random import Random
 
 import pytest

@@ -4,8 +4,6 @@ It says on stdout what it is about to read and how that ended, so that whoever s
 hang or die. Some targets, for the tests of the fuzz itself, fail in every way that it must notice.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

@@ -27,18 +27,11 @@ from clbvh.choices import REPORT_SHADINGS
 from clbvh.geometry.appearance.srgb import srgb_to_linear
 from clbvh.rendering import built_scene, painters, picture as picture_module
 
+from ..unit.trace.scene_states import affine
+
 VIEW = clbvh.View(width=96, height=64, up="y")
-SIZE = {"width": 64, "height": 48}
 KNOT = clbvh.make_shape("knot", triangles=4000, seed=1)
-BALL = clbvh.make_shape("icosphere", triangles=1280)
-SPHERE = Spheres([[0.1, 0.2, 0.3]], 1.0)
 RED, GREEN, BLUE = (0.8, 0.1, 0.05), (0.2, 0.5, 0.15), (0.1, 0.2, 0.9)
-
-
-def affine(linear, translation=(0.0, 0.0, 0.0)):
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = linear, translation
-    return matrix
 
 
 def rotation(seed):
@@ -47,10 +40,8 @@ def rotation(seed):
 
 
 MATRICES = {
-    "turned": rotation(1),
     "stretched": rotation(2) @ np.diag([2.0, 0.5, 1.0]),
     "mirrored": rotation(3) @ np.diag([1.0, -1.0, 1.0]),
-    "sheared": rotation(4) @ [[1.0, 2.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
 }
 
 
@@ -130,21 +121,6 @@ def test_the_report_adds_up_and_a_picture_can_be_copied(renderer):
     for copied in (pickle.loads(pickle.dumps(picture)), copy.deepcopy(picture)):
         assert (copied.rgb.tobytes(), copied.hits.t.tobytes()) == (picture.rgb.tobytes(), picture.hits.t.tobytes())
         assert copied.report() == report
-
-
-@pytest.mark.parametrize("shape", [BALL, SPHERE], ids=["mesh", "sphere"])
-def test_convex_bodies_never_shadow_themselves(shape):
-    # Of any size, and far from another one.
-    places = [(matrix, scale, scale * np.array([3.0, 1, 0])) for matrix in MATRICES.values() for scale in (1e-20, 1e20)]
-    places += [(MATRICES["turned"], 1.0, far * np.array([0.6, 0.3, -0.7])) for far in (1e3, 1e7, 1e11)]
-    for matrix, scale, place in places:
-        scene = Scene(shape) if scale == 1 else Scene()
-        scene.place(scene.add(shape), affine(matrix * scale, place))
-        camera = Camera(tuple(np.add(place, [2, 1.5, 3])), tuple(place)) if scale == 1 else None
-        with Renderer(scene, camera=camera, **SIZE) as renderer:
-            plain, shadowed = renderer.render(shading="lambert"), renderer.render(shading="lambert+shadow")
-        assert plain.hits.count > 300
-        assert (plain.rgb == shadowed.rgb).all()
 
 
 def test_a_far_instance_looks_the_same_through_a_long_lens():

@@ -50,9 +50,10 @@ class TestEveryMesh:
     def test_whenever_and_however_it_was_made(self, box):
         engine.install()
         box.ray.intersects_any(*RAY)
+        pickled = pickle.dumps(box)
         others = [
             trimesh.creation.box(), box.copy(), copy.copy(box), copy.deepcopy(box), box.copy(include_cache=True),
-            pickle.loads(pickle.dumps(box)), box.subdivide(), box.submesh([range(12)], append=True),
+            pickle.loads(pickled), box.subdivide(), box.submesh([range(12)], append=True),
             trimesh.util.concatenate([box, box]), trimesh.Scene(box).to_mesh(), trimesh.primitives.Box().copy(),
             trimesh.primitives.Sphere(), trimesh.Trimesh(box.vertices, box.faces, use_embree=False),
         ]  # fmt: skip
@@ -63,6 +64,10 @@ class TestEveryMesh:
         assert box.contains([[0, 0, 0]])[0]
         engine.uninstall()
         assert not any(map(is_ours, (box, *others)))
+        # As in a process that is spawned: nothing of the engine is in a pickle, but for one that was assigned by hand.
+        assert not is_ours(pickle.loads(pickled))
+        box.ray, box.nearest = RayMeshIntersector(box), ProximityQuery(box)
+        assert is_ours(pickle.loads(pickle.dumps(box)))
 
 
 class TestByHand:

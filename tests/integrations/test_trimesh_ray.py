@@ -130,15 +130,11 @@ def test_what_is_refused(box):
         (lambda: ray.contains_points([0, 0, 0]), QueryError, r"points must be \(n,3\)"),
         (lambda: RayMeshIntersector(empty).intersects_any(*DOWN), MeshError, "faces|vertices"),
         (lambda: RayMeshIntersector(empty).contains_points(at), MeshError, "without faces contains no"),
-        (lambda: RayMeshIntersector(7), MeshError, "expected a"),
-        (lambda: RayMeshIntersector(box, layout="bvh3"), ConfigError, "layout"),
         (lambda: RayMeshIntersector(box, device="no such board").intersects_any(*DOWN), DeviceError, "no such board"),
         (lambda: ProximityQuery(box, device=0.0), ConfigError, "device must be"),
         (lambda: thickness(box, at, normals=[0, 0, 1]), QueryError, r"normals must be \(n,3\)"),
-        (lambda: thickness(box, at, normals=at * 2), QueryError, "as many as the 1 points, not 2"),
         (lambda: thickness(box, at, method="sphere"), ConfigError, "'max_sphere' or 'ray', not 'sphere'"),
         (lambda: query.vertex([[0, 0, 0], [0, np.inf, 0]]), QueryError, r"points\[1\] is not finite"),
-        (lambda: query.on_surface([[np.nan, 0, 0]]), QueryError, "not finite"),
         (lambda: ProximityQuery(empty).vertex(at), QueryError, "without vertices"),
         (lambda: SceneRay(box), SceneError, "expected a trimesh.Scene, not Trimesh: for one"),
         (lambda: SceneRay(scene).intersects_any(*DOWN), SceneError, "no node with a triangle mesh"),
@@ -155,15 +151,6 @@ def test_a_ray_from_on_the_surface_meets_both_sides_at_any_scale(session):
 
 
 class TestContains:
-    def test_a_torus(self, torus):
-        points = np.random.default_rng(81).uniform(-1.4, 1.4, (20_000, 3)) * [1, 1, 0.3]
-        radius = np.hypot(np.hypot(points[:, 0], points[:, 1]) - 1, points[:, 2])
-        sure = (radius < 0.28) | (radius > 0.31)  # the facets' share
-        contains = torus.ray.contains_points(points)
-        assert contains.dtype == bool
-        np.testing.assert_array_equal(contains[sure], (radius < 0.3)[sure])
-        np.testing.assert_array_equal(torus.contains(points), contains)
-
     def test_through_a_hole_points_get_outside(self, session):
         mesh = trimesh.creation.icosphere()
         mesh.update_faces(np.arange(len(mesh.faces)) % 50 != 0)

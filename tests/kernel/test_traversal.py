@@ -64,36 +64,9 @@ def check_layouts(session, mesh, bvh, rays, **limits):
     return expected
 
 
-def test_limits_cut_both_ends(session, mesh, rays):
-    everything = check_layouts(session, mesh, build(mesh), rays)
-    hits, counts = everything["all_hits"], np.diff(everything["offsets"])
-    assert 0.3 < np.mean(counts > 0) < 1
-    assert counts.max() > 1
-    t_min, t_max = np.random.default_rng(23).uniform([[0], [0.5]], [[1], [2]], (2, len(counts))).astype(np.float32)
-    kept = hits[(hits["t"] >= np.repeat(t_min, counts)) & (hits["t"] <= np.repeat(t_max, counts))]
-    assert 0 < len(kept) < len(hits)
-    between = check_layouts(session, mesh, build(mesh), rays, t_min=t_min, t_max=t_max)
-    assert between["all_hits"].tobytes() == kept.tobytes()
-
-
 def grid_soup():
     """Equal triangles, equal distances, degenerate triangles, flat boxes: all ties there are."""
     return centred(make_soup(600, seed=3, grid=6, size=3, copies=0.3, degenerate=0.2))
-
-
-def test_soups_on_a_small_grid(session):
-    mesh = grid_soup()
-    origins, directions = hard_rays(mesh, 10_000, np.random.default_rng(24))
-    rays = np.round(origins * 2) / 2, np.round(directions)
-    kept = np.abs(rays[1]).max(axis=1) > 0
-    answers = check_layouts(session, mesh, build(mesh), tuple(rows[kept] for rows in rays))
-    assert np.diff(answers["offsets"]).max() > 20
-    hits = answers["closest_hit"]["prim_id"][answers["closest_hit"]["prim_id"] != NO_PRIM]
-    assert not mesh.degenerate_faces[hits].any()
-    # Of equal triangles the first is found.
-    corners = mesh.vertices[mesh.faces].reshape(mesh.face_count, -1)
-    _, first, which = np.unique(corners, axis=0, return_index=True, return_inverse=True)
-    np.testing.assert_array_equal(first[which.ravel()[hits]], hits)
 
 
 # As deep as the stack is long.

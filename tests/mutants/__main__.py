@@ -1,7 +1,5 @@
 """`make mutants`: plant faults one by one, and see a test fail for each. Ends with 1 if one stays unnoticed."""
 
-from __future__ import annotations
-
 import argparse
 import queue
 import sys

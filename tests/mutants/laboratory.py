@@ -5,8 +5,6 @@ Machine code is shared as far as a fault leaves it right. numba's cache looks at
 new folder begins with the code of every module that does not import the changed one, directly or through others.
 """
 
-from __future__ import annotations
-
 import ast
 import os
 import shutil
@@ -35,15 +33,7 @@ PASSED, FAILED = "passed", "failed"
 
 
 class Laboratory:
-    """One copy of the repository.
-
-    Parameters
-    ----------
-    folder : path
-        Made if it does not exist; what is in it is brought up to date.
-    machine_code : path
-        Of all laboratories.
-    """
+    """A copy of the repository in a folder, brought up to date; all copies share the folder of machine code."""
 
     def __init__(self, folder: Path, machine_code: Path) -> None:
         self.folder = folder
@@ -52,15 +42,7 @@ class Laboratory:
             _update(ROOT / part, folder / part)
 
     def test(self, tests: tuple[str, ...], mutant: Mutant | None = None) -> tuple[str, str]:
-        """Run tests, with a mutant planted meanwhile.
-
-        Returns
-        -------
-        result : str
-            `PASSED`, `FAILED` by an assertion or an error while tests ran, or else the reason why it is neither.
-        output : str
-            Of pytest.
-        """
+        """Run tests, with a mutant planted meanwhile; return `PASSED`, `FAILED` or why neither, and pytest's output."""
         if mutant is None:
             return self._run(tests)
         original = code = self._code_folder()

@@ -1,7 +1,5 @@
 """The mutants: one replacement of a text in one file each, and the tests of which one has to fail."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,28 +10,14 @@ _TABLES = Path(__file__).with_name("tables")
 
 @dataclass(frozen=True)
 class Mutant:
-    """A row of a table in `tables/`.
+    """A row of a table in `tables/`."""
 
-    Attributes
-    ----------
-    name : str
-        The table and the row in it, from 1 on.
-    file : str
-        Path from the root of the repository.
-    text, replacement : str
-        The text occurs exactly once in the file.
-    breaks : str
-        What is wrong then, in a few words.
-    tests : tuple of str
-        Paths or node ids.
-    """
-
-    name: str
-    file: str
-    text: str
+    name: str  # the table and the row in it, from 1 on
+    file: str  # from the root of the repository
+    text: str  # occurs exactly once in the file
     replacement: str
     breaks: str
-    tests: tuple[str, ...]
+    tests: tuple[str, ...]  # paths or node ids
 
     def apply(self, root: Path) -> None:
         """Plant the fault in the copy of the repository at `root`."""

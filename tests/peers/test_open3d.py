@@ -5,11 +5,12 @@ import warnings
 import numpy as np
 import pytest
 
-from clbvh import Tracer, load_mesh, make_shape
+from clbvh import Scene, Tracer, load_mesh, make_shape
 from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.study.engines import Open3D
+from clbvh.trace.check.intersections import Rays
+from clbvh.trace.check.reference import Reference
 
-from ..mesh_reference import find_differences
 from ..rays import as_float32, centred, random_rays
 
 WIDTH, HEIGHT = 800, 450
@@ -37,7 +38,8 @@ def check_agreement(mesh, origins, directions, hits, t_floor):
     # Faces differ only where the distance does not: on the edge between two of them.
     assert (hits.prim_id == their_prim).mean() >= AGREEMENT
     others = np.flatnonzero(~agree)
-    wrong = find_differences(mesh, origins[others], directions[others], hits.take(others))
+    rays = Rays.make(origins[others], directions[others])
+    wrong = Reference(Scene(mesh).snapshot()).find_differences(rays, hits.take(others))
     assert [str(difference) for difference in wrong] == []
 
 

@@ -6,8 +6,6 @@ The tasks are lists: the words of a `clbvh` command, or one text, Python code. T
 compiled function that Python called, and apart those that numba compiled because its cache did not have them.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

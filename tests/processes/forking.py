@@ -3,8 +3,6 @@
 Prints one JSON object: how each child ended, by name.
 """
 
-from __future__ import annotations
-
 import gc
 import json
 import multiprocessing

@@ -3,8 +3,6 @@
 Prints one JSON object: the growth from after the warm-up to the end.
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import json

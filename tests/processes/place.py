@@ -3,8 +3,6 @@
 A moment is counted from the call of `clbvh.cli.main`: before that Python itself is starting.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -42,19 +40,12 @@ Outcome = tuple[int, str, str]
 
 @dataclass
 class Place:
-    """Folders for the commands of one test.
-
-    Attributes
-    ----------
-    folder : Path
-    temporary, output, cache : Path
-        Below it: for temporary files, where commands run, beside a small scene, and the user's cache.
-    """
+    """Folders for the commands of one test."""
 
     folder: Path
     temporary: Path = field(init=False)
-    output: Path = field(init=False)
-    cache: Path = field(init=False)
+    output: Path = field(init=False)  # where commands run, beside a small scene
+    cache: Path = field(init=False)  # the user's
 
     def __post_init__(self) -> None:
         self.temporary, self.output, self.cache = (self.folder / name for name in ("tmp", "out", "cache"))

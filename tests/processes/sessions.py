@@ -1,7 +1,5 @@
 """A script in a session of its own, so that a test sees every process that it leaves behind (Linux)."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

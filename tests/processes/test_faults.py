@@ -1,7 +1,5 @@
 """Whole commands under signals, limits, and folders and streams that cannot be used (Linux): docs/reliability.md."""
 
-from __future__ import annotations
-
 import functools
 import json
 import os

@@ -1,7 +1,5 @@
 """A forked child of a process that has used OpenCL: one clear error at once, never a hang, and the parent goes on."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

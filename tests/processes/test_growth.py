@@ -1,7 +1,5 @@
 """What is done again and again leaves nothing behind: memory, handles, threads and files stay flat."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Ctrl-C in the middle of queries and changes: no lock stays taken, no buffer is lost, the next answers are right."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What property tests share: hypothesis takes fixtures of the session only."""
 
-from __future__ import annotations
-
 import pytest
 
 from clbvh import SubtreePool

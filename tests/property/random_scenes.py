@@ -1,7 +1,5 @@
 """Random scenes on a grid: a few shapes, instances of every kind, and rays that are hard for them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 See `tests/grazing.py` for the meshes and rays. The hits are the device's own: refined ones could hide a difference.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import Phase, given, strategies as st
 

@@ -1,8 +1,4 @@
-"""Any file gives a right tree over the mesh or a `TreeFileError`; any move of the vertices leaves a right tree."""
-
-from __future__ import annotations
-
-import hashlib
+"""Any damaged file is no tree (forged ones: `make fuzz`); any tree comes back, and any move leaves a right tree."""
 
 import numpy as np
 import pytest
@@ -14,10 +10,7 @@ from ..profiles import examples
 from ..soup import make_soup
 from .test_builds import SOUPS
 
-HEADER_BYTES, DIGEST_AT = 84, 52
-
 SHARES = st.floats(0, 1, exclude_max=True)
-WORDS = st.one_of(st.integers(-2, 25), st.sampled_from([-(2**31), 2**31 - 1, 2**30, -(2**30)]))
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +32,7 @@ def saved(tree, path):
 
 @pytest.fixture(scope="module")
 def load(tree, path):
-    """A function that checks that a file gives a right tree or an error of one line, and tells whether a tree."""
+    """A function that checks that a file gives a right tree or an error of one line, and tells which."""
 
     def run(content):
         path.write_bytes(content)
@@ -54,17 +47,6 @@ def load(tree, path):
     return run
 
 
-def forge(saved, words):
-    """A file with other nodes and triangles, whose digests fit them."""
-    content = words.astype("<i4").tobytes()
-    facts = saved[:DIGEST_AT] + hashlib.sha256(content).digest()[:16]
-    return facts + hashlib.sha256(facts).digest()[:16] + content
-
-
-def words_of(saved):
-    return np.frombuffer(saved[HEADER_BYTES:], "<i4").copy()
-
-
 @examples(short=60, long=20000)
 @given(
     cuts=st.lists(st.tuples(SHARES, st.integers(0, 12), st.binary(max_size=6)), min_size=1, max_size=3),
@@ -77,28 +59,6 @@ def test_a_damaged_or_cut_file_is_no_tree(load, saved, cuts, end):
         content = content[:at] + piece + content[at + length :]
     content = content[: int(end * len(content))]
     assert load(content) == (content == saved)
-
-
-@examples(short=200, long=20000)
-@given(changes=st.lists(st.tuples(SHARES, WORDS), min_size=1, max_size=6))
-def test_forged_links_give_a_right_tree_or_none(load, saved, changes):
-    words = words_of(saved)
-    for share, word in changes:
-        words[int(share * len(words))] = word
-    load(forge(saved, words))
-
-
-@examples(short=100, long=10000)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_numbers_in_another_order_give_a_right_tree_or_none(load, saved, tree, seed):
-    """Links and triangles that are all in range: triangles in any order are right, links mostly wrong."""
-    random, words, node_count = np.random.default_rng(seed), words_of(saved), tree.node_count
-    words[2 * node_count :] = random.permutation(tree.mesh.face_count)
-    assert load(forge(saved, words))
-    for begin in (0, node_count):
-        pair = begin + random.choice(node_count, 2, replace=False)
-        words[pair] = words[pair[::-1]]
-    load(forge(saved, words))
 
 
 @examples(short=30, long=2000)

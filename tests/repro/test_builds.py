@@ -1,7 +1,5 @@
 """Builds that crashed, took long, left a pool unusable, or gave other bytes by the number of workers."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,9 +1,6 @@
 """Files that were read wrong, read without end, or ended in a traceback."""
 
-from __future__ import annotations
-
 import os
-import struct
 import subprocess
 import sys
 
@@ -13,6 +10,8 @@ import pytest
 import clbvh
 from clbvh import Bvh, ConfigError, MeshError, SceneError, TreeFileError, load_mesh, open_scene
 from clbvh.rendering.scene_file import read_scene_file
+
+from ..unit.geometry.test_stl_off import facet, make_stl
 
 VERTICES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
 PLY = """ply
@@ -82,16 +81,11 @@ def test_ply_words_that_were_no_numbers_were_left_out(write):
 
 
 def make_text(triangles):
-    text = ""
-    for triangle in triangles:
-        corners = "".join(f"   vertex {x!r} {y!r} {z!r}\n" for x, y, z in triangle.tolist())
-        text += f"solid part\n facet normal 0 0 1\n  outer loop\n{corners}  endloop\n endfacet\nendsolid part\n"
-    return text
+    return "".join(f"solid part\n{facet(triangle.tolist())}endsolid part\n" for triangle in triangles)
 
 
 def make_binary(triangles):
-    rows = b"".join(struct.pack("<12fH", 0, 0, 1, *triangle.ravel(), 0) for triangle in triangles)
-    return b"solid of two".ljust(80) + struct.pack("<I", len(triangles)) + rows
+    return make_stl(0, b"solid of two", triangles)
 
 
 @pytest.mark.parametrize("make", [make_text, make_binary])

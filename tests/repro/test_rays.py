@@ -1,17 +1,16 @@
 """Rays that missed what they hit, or hit what they miss, by the rounding of a box or of a triangle."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np
 import pytest
 
-from clbvh import Mesh, Tracer, build
+from clbvh import Mesh, Scene, Tracer, build
 from clbvh.structs import LAYOUT_WIDTHS
+from clbvh.trace.check.intersections import Rays
+from clbvh.trace.check.reference import Reference
 
 from ..kernel.casting import open_caster
-from ..mesh_reference import find_differences
 from ..rays import AXES, aim, as_float32, centred
 
 # Corners, an origin relative to the middle of the box, a direction, and the triangle hit.
@@ -107,4 +106,5 @@ def test_a_ray_in_the_plane_of_a_thin_triangle_hit_it_from_any_distance(session,
     with Tracer(mesh, device=session.info) as tracer:
         hits = tracer.closest_hit(origins, directions)
     assert hits.count > 500
-    assert [str(difference) for difference in find_differences(mesh, origins, directions, hits)] == []
+    differences = Reference(Scene(mesh).snapshot()).find_differences(Rays.make(origins, directions), hits)
+    assert [str(difference) for difference in differences] == []

@@ -1,7 +1,5 @@
 """Scenes that were shadowed by themselves, moved in place of another one, or traversed with a stack too short."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -7,8 +7,6 @@
          3: face 3    4: face 1
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from clbvh import Bvh

@@ -1,7 +1,5 @@
 """A finished tree: its depth, the checks of its invariants, each broken alone, and the boxes of moved vertices."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import re

@@ -1,7 +1,5 @@
 """Trees in files: a saved tree comes back, and every other content is refused in one sentence."""
 
-from __future__ import annotations
-
 import hashlib
 import struct
 

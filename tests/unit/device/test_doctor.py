@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from clbvh.device import doctor, driver_files
-from clbvh.device.doctor import advise, check_gpus, diagnose, register_drivers
+from clbvh.device.doctor import check_gpus, diagnose, register_drivers
 from clbvh.device.driver_files import DriverFile, added_drivers, find_added, find_bundled_folder, find_folders
 from clbvh.device.pocl_cpu_name import choose_name, name_unknown_cpu
 from clbvh.device.probe import run_probe
@@ -37,22 +37,6 @@ def test_gpus_without_a_device_are_found_on_the_bus(tmp_path):
     # The CPU is called "AMD EPYC": that is no GPU of AMD.
     assert [finding.message.split()[5] for finding in check_gpus([POCL_3, GEFORCE], tmp_path)] == ["AMD"]
     assert list(check_gpus([], tmp_path / "no bus")) == []
-
-
-def test_advice_fits_the_failure():
-    for text, expected in {
-        # The words of the report in pocl/pocl issue 1049.
-        "clBuildProgram failed: BUILD_PROGRAM_FAILURE\nerror: unknown target CPU 'generic'": "POCL_LLVM_CPU_NAME",
-        f"{POCL_3} was killed by SIGILL": "older than the CPU",
-        f"{GEFORCE} was killed by SIGILL": "update the driver",
-        "did not answer within 60 s": "hangs",
-        "write failed: No space left on device": "CUDA_CACHE_PATH",
-        "the platform 'Portable Computing Language' offers no device": "POCL_CACHE_DIR",
-        "the platform 'rusticl' offers no device": "RUSTICL_ENABLE=radeonsi",
-        "libimf.so: cannot open shared object file": "pip install intel-cmplr-lib-rt",
-        "something else": "update the driver",
-    }.items():
-        assert expected in "\n".join(advise(text)), text
 
 
 @pytest.fixture

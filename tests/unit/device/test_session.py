@@ -2,7 +2,6 @@
 
 import re
 import weakref
-from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,8 +12,12 @@ from clbvh import DeviceError, InternalError, KernelBuildError
 from clbvh.device.context import EventTimes, Kernel
 from clbvh.device.program import build_kernel, expand_source, find_arguments
 from clbvh.device.session import DeviceSession
-from clbvh.structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUTS
+from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUTS
 from clbvh.support.folders import find_folder
+
+from ...concurrency.threads import run_in_threads
+
+THREADS = 6
 
 
 @pytest.fixture
@@ -35,18 +38,6 @@ def write(tmp_path):
         return tmp_path / "sources"
 
     return run
-
-
-def test_what_goes_up_comes_down_and_of_an_empty_array_nothing(fresh):
-    # Drivers disagree on copies of no bytes; some refuse them.
-    for array in (np.empty(0, np.float32), np.empty((0, 3), HIT)):
-        fresh.download(fresh.upload(array), array)
-    assert fresh.times.sums_ms() == {}
-    cube = np.linspace(0, 1, 24, dtype=np.float32).reshape(2, 3, 4)
-    for array in (np.arange(7, dtype=np.uint8), cube, np.arange(64, dtype=np.float32)[::2], np.ones(5, HIT)):
-        back = np.zeros(array.shape, array.dtype)
-        fresh.download(fresh.upload(array), back)
-        np.testing.assert_array_equal(back, array)
 
 
 def test_what_cannot_be_done_is_said_in_one_sentence(fresh, write):
@@ -118,20 +109,10 @@ def test_times_add_up_by_label_also_in_threads_and_a_command_that_failed_has_non
             seen.append(weakref.ref(event))
             times.note("upload", event)
 
-    run_in_threads(note_many)
+    run_in_threads(*[note_many] * THREADS)
     # A long session does not hoard events.
     assert sum(event() is not None for event in seen) < 500
     assert times.sums_ms() == {"kernel": 2.5, "upload": 2000 * THREADS}
-
-
-THREADS = 6
-
-
-def run_in_threads(work):
-    """Call a function in several threads at once."""
-    with ThreadPoolExecutor(THREADS) as pool:
-        for call in [pool.submit(work) for _ in range(THREADS)]:
-            call.result()
 
 
 def make_error(code):

@@ -26,12 +26,6 @@ def info(session, cache):
     return session.info
 
 
-def test_without_a_measurement_the_kind_decides(info):
-    usual = {"gpu": ("bvh2", 64), "accelerator": ("bvh2", 64), "cpu": ("bvh8", 32), "other": ("bvh2", 64)}
-    for kind, (layout, work_group_size) in usual.items():
-        assert find_settings(dataclasses.replace(info, kind=kind)) == Settings(layout, work_group_size, (8, 8))
-
-
 def test_what_is_kept_is_found_for_that_device_and_driver(info, cache):
     path = keep_settings(info, MEASURED)
     assert path == settings_path(info)

@@ -1,7 +1,5 @@
 """Small glTF files, put together by hand: numbers are appended to one buffer, the rest is JSON."""
 
-from __future__ import annotations
-
 import base64
 import json
 import struct

@@ -1,7 +1,5 @@
 """What users may give for a mesh: a `Mesh`, arrays, a path, or an object of trimesh with its looks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,14 +1,8 @@
 """Mesh files of every format: recognised, in order, whole or refused in one sentence; and where known meshes are."""
 
-from __future__ import annotations
-
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 import trimesh
-from PIL import Image
 
 from clbvh import ConfigError, MeshError, load_mesh, make_shape
 from clbvh.geometry.fetch import KNOWN_MESHES, find_known_mesh
@@ -24,35 +18,6 @@ CORNERS = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
 SOLID = f"solid\n{facet(CORNERS)}endsolid\n"
 
 
-@pytest.mark.parametrize("kind", ["ply", "ply ascii", "obj", "stl", "stl_ascii", "off", "glb"])
-def test_every_format_keeps_the_triangles_and_their_looks_in_order(tmp_path, kind):
-    sphere = make_shape("icosphere", triangles=500)
-    generator = np.random.default_rng(3)
-    source = trimesh.Trimesh(sphere.vertices, generator.permuted(sphere.faces, axis=0), process=False)
-    image = Image.fromarray(generator.integers(0, 256, (4, 8, 3), np.uint8))
-    if kind in ("obj", "glb"):
-        uvs = generator.random((len(source.vertices), 2))
-        material = trimesh.visual.material.PBRMaterial(baseColorTexture=image, roughnessFactor=0.5)
-        source.visual = trimesh.visual.TextureVisuals(uv=uvs, material=material)
-    elif "ply" in kind:
-        source.visual.vertex_colors = generator.integers(0, 256, (len(source.vertices), 4), np.uint8)
-    path = tmp_path / f"a.{kind[:3]}"
-    options = {"ply": {"vertex_normal": True}, "obj": {"include_normals": True}, "glb": {"include_normals": True}}
-    encoding = {"encoding": "ascii"} if kind == "ply ascii" else {}
-    source.export(path, file_type=kind.split()[0], **options.get(kind[:3], {}), **encoding)
-    mesh = load_mesh(path)
-    assert (mesh.name, mesh.faces.shape) == (path.name, source.faces.shape)
-    assert mesh.vertices[mesh.faces] == pytest.approx(source.triangles, abs=1e-6)
-    if kind[:3] in options:
-        np.testing.assert_allclose(mesh.appearance.normals, source.vertex_normals[source.faces], atol=1e-5)
-    if kind in ("obj", "glb"):
-        np.testing.assert_allclose(mesh.appearance.uvs, uvs[source.faces], atol=1e-6)
-        texture = mesh.appearance.materials[0].base_colour_texture
-        np.testing.assert_array_equal(texture.pixels[..., :3], np.asarray(image))
-    elif "ply" in kind:
-        np.testing.assert_array_equal(mesh.appearance.colours, source.visual.vertex_colors[source.faces])
-
-
 def test_the_content_decides_and_not_the_name(tmp_path):
     obj = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
     for name, content in (("a.stl", PLY), ("a", PLY), ("a.ply", obj), ("a.off", SOLID.encode())):
@@ -61,33 +26,16 @@ def test_the_content_decides_and_not_the_name(tmp_path):
         assert load_mesh(tmp_path / name).name == name
 
 
-def test_plain_formats_do_without_trimesh(tmp_path):
-    (tmp_path / "a.ply").write_bytes(PLY)
-    code = "import sys, clbvh; clbvh.load_mesh('a.ply'); sys.exit('trimesh' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False).returncode == 0
-
-
 def test_bad_files_are_refused_in_one_sentence(tmp_path):
     rows = [
         ("a.ply", b"", "the file is empty"),
-        ("a", bytes(range(256)), "not a mesh file of a known kind"),
-        ("a.glb", b"hello", "cut off or damaged"),
         ("a.gltf", b"{}", "the file has no triangles"),
-        ("a.off", b"hello\n", "does not begin with the word 'OFF'"),
-        ("a.off", b"OFF BINARY\n", "binary OFF file, and only text is read"),
         ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "vertex 1 has 2 numbers instead of 3"),
         ("a.off", b"OFF\n1 1 0\n0 0 0\n4 0 0 0\n", "face 0 declares 4 corners"),
-        ("a.obj", b"v 0 0 0\nv 1 1", "vertex 1 is 'v 1 1', and not three"),
-        ("a.obj", b"v 0 0 0\nf 1 1", "cut off in a face: face 0 has 2 corners"),
         ("a.obj", b"v 0 0 0\nf 1 1 2\n", r"face 0 refers to vertex 2, .*\(1 to 1\)"),
         ("a.obj", b"v 0 0 0\nf 1 1 0\n", "face 0 refers to vertex 0"),
-        ("a.obj", b"v 0 0 0\nf 1 1 -2\n", "face 0 refers to vertex"),
-        ("a.stl", b"hello", "cut off or not an STL file"),
         ("a.stl", b"\0" * 84, "the file has no triangles"),
         ("a.stl", f"solid\n{facet([*CORNERS, (1, 1, 0)])}endsolid", "not of whole solids of whole facets"),
-        ("a.stl", f"solid\n{facet([(0, 0, 'x')] * 3)}endsolid", "not three numbers"),
-        ("a.ply", PLY.partition(b"end_header")[0], "cut off .*'end_header'"),
-        ("a.ply", b"ply\nelement vertex 0\nend_header\n", "no 'format' line"),
         ("a.ply", PLY.replace(b"float y", b"float v"), "no vertices with x, y"),
         ("a.ply", PLY.replace(b"face 1", b"face 2"), "cut off: .* 2 rows"),
         ("a.ply", PLY.replace(b"face 1", b"face 0"), "goes on behind"),
@@ -97,7 +45,6 @@ def test_bad_files_are_refused_in_one_sentence(tmp_path):
         ("a.ply", FLOATS.replace(b"0 1 3\n", b"0 1 1.5\n"), "vertex 1.5"),
         ("a.ply", PLY.replace(b"2 0 0", b"1 0 1e999"), "vertex 1 .* z = inf"),
         ("a.ply", BINARY + b"x", "goes on behind the end that its header declares"),
-        ("a.ply", BINARY.replace(b"face 2", b"face 4000000000"), "cut off: .* 4,000,000,000 rows"),
     ]
     for length in (2**31 - 1, -1):
         content = make_ply([[0, 1, 2]], "binary_little_endian", types=("float", "int", "int"))

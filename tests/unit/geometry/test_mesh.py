@@ -1,7 +1,5 @@
 """The mesh: checks, local coordinates, degenerate triangles, parts, and whether it encloses a volume."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 
@@ -9,13 +7,10 @@ import numpy as np
 import pytest
 import trimesh
 
-import clbvh
-from clbvh import Material, Mesh, MeshError, Part, Scene, Spheres, Tracer, Transform, load_mesh
+from clbvh import Material, Mesh, MeshError, Part, Transform
 from clbvh.geometry import mesh as mesh_module, topology
 from clbvh.geometry.spheres import with_material
 from clbvh.geometry.topology import find_equal_points, find_points
-
-from .gltf_files import Gltf
 
 TRIANGLE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
@@ -23,7 +18,6 @@ FACES = [[0, 1, 2], [0, 2, 3], [0, 1, 3]]
 PARTS = (Part("left", 0, 2), Part("right", 2, 3))
 BALL = trimesh.creation.icosphere(subdivisions=3)
 SOUP = np.arange(BALL.faces.size).reshape(-1, 3)
-DOWN = [[0, 0, -1]]
 
 
 def test_vertices_are_kept_and_once_more_around_zero_and_about_1_in_size():
@@ -95,15 +89,6 @@ def test_degenerate_triangles_are_kept_and_found_in_every_chunk(monkeypatch):
     mesh = Mesh.from_arrays([*TRIANGLE, [3, 0, 0], [0.1, 0.1, 0.1]], faces)
     assert np.flatnonzero(mesh.degenerate_faces).tolist() == [1, 2, 4, 8]
     assert (mesh.degenerate_count, mesh.face_count) == (4, 9)
-
-
-def test_the_fingerprint_stands_for_what_determines_a_tree():
-    vertices, faces = np.array(TRIANGLE), np.array([[0, 1, 2]])
-    mesh = Mesh.from_arrays(vertices, faces)
-    # Neither the name, nor the place, nor the unit.
-    assert Mesh.from_arrays(vertices * 4 + 16, faces, name="other").fingerprint == mesh.fingerprint
-    others = Mesh.from_arrays(vertices * [1, 1 + 1e-6, 1], faces), Mesh.from_arrays(vertices, faces[:, ::-1])
-    assert len({mesh.fingerprint, *(other.fingerprint for other in others)}) == 3
 
 
 def test_equal_points_are_found_as_a_dictionary_would(monkeypatch):
@@ -179,43 +164,3 @@ def test_parts_stay_where_faces_stay():
     moved = mesh.with_vertices(mesh.vertices * 2), with_material(mesh, Material("red")), Transform(scale=2).apply(mesh)
     for kept in (*moved, copy.deepcopy(mesh), pickle.loads(pickle.dumps(mesh))):
         assert kept.parts == PARTS
-
-
-def test_nodes_of_gltf_files_are_parts(tmp_path):
-    gltf = Gltf()
-    corners, indices = gltf.add_accessor(CORNERS, "f4"), gltf.add_accessor(np.ravel(FACES[:2]), "u2")
-    normals = gltf.add_accessor(np.tile([0.6, 0, 0.8], (4, 1)), "f4")
-    first = gltf.add_mesh({"attributes": {"POSITION": corners, "NORMAL": normals}, "indices": indices})
-    line = gltf.add_mesh({"attributes": {"POSITION": corners}, "mode": 1})
-    gltf.add_node(mesh=first, name="plain")
-    gltf.add_node(mesh=line, name="line")
-    inner = gltf.add_node(is_root=False, mesh=first, name="mirror", scale=[-2, 1, 1])
-    gltf.add_node(children=[inner], translation=[0, 0, 5], rotation=[0, 0, np.sqrt(0.5), np.sqrt(0.5)])
-    gltf.add_node(mesh=gltf.add_mesh({"attributes": {"POSITION": corners}, "indices": indices}))
-    mesh = load_mesh(gltf.write_glb(tmp_path / "file.glb"))
-    assert mesh.parts == (Part("plain", 0, 2), Part("mirror", 2, 4), Part("file", 4, 6))
-    plain, mirror, _ = (mesh.vertices[mesh.faces[part.begin : part.end]] for part in mesh.parts)
-    # Mirrored in x, and then turned by 90 degrees: (x, y) becomes (-y, -2x); the corners run backwards.
-    expected = np.stack((-plain[..., 1], -2 * plain[..., 0], np.full((2, 3), 5)), axis=-1)[:, ::-1]
-    assert mirror == pytest.approx(expected, abs=1e-12)
-    turned = np.array([0, -0.3, 0.8]) / np.hypot(0.3, 0.8)
-    assert mesh.appearance.normals[2:4] == pytest.approx(np.broadcast_to(turned, (2, 3, 3)), abs=1e-6)
-    assert mesh.appearance.normals[4:] == pytest.approx(np.broadcast_to([0, 0, 1], (2, 3, 3)))
-
-
-def test_hits_name_the_parts_of_their_mesh():
-    with Tracer(make_square()) as tracer:
-        hits = tracer.closest_hit([[[0.9, 0.8, 1], [0.5, 0.9, 1]], [[0.1, 0.2, 1], [5, 0, 1]]], DOWN)
-    assert hits.prim_id.tolist() == [[0, 1], [1, -1]]
-    assert (hits.part_id.tolist(), hits.part_id.dtype) == ([[0, 0], [0, -1]], np.int32)
-    with Tracer(make_square((("each", 0, 1), ("other", 1, 3)))) as tracer:
-        assert tracer.all_hits([[0.5, 0.25, 1], [0.25, 0.5, 1]], DOWN).part_id.tolist() == [0, 1, 1, 1]
-    scene = Scene()
-    for number, shape in enumerate((make_square(()), make_square(), Spheres([[0.25, 0.6, 0]], 0.1))):
-        scene.place(scene.add(shape), Transform(translate=(3 * number, 0, 0)))
-    with Tracer(scene) as tracer:
-        hits = tracer.closest_hit([[3 * number + 0.25, 0.6, 5] for number in range(4)], DOWN)
-    assert hits.part_id.tolist() == [-1, 0, -1, -1]
-    assert hits[1:3].part_id.tolist() == [0, -1]
-    with pytest.raises(clbvh.ConfigError, match="do not know their mesh"):
-        clbvh.Hits(*np.zeros((3, 1)), np.zeros(1, np.int32)).part_id  # noqa: B018

@@ -1,7 +1,5 @@
 """Normals of faces, of vertices, and at corners, smooth below a crease angle; and tangents of textures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

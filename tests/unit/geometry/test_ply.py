@@ -1,7 +1,5 @@
 """PLY files: polygons and strips, of any type and spacing, their looks; and how polygons are cut."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

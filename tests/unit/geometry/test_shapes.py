@@ -1,7 +1,5 @@
 """The procedural meshes and spheres: size, form, closedness, repeatability, and what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """Spheres: checks, local coordinates and boxes, and the files that they are read from."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from fractions import Fraction

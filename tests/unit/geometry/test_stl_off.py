@@ -1,7 +1,5 @@
 """STL files, text and binary, with colours of both kinds; and OFF files with their looks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -26,9 +24,9 @@ def load(tmp_path):
     return load_content
 
 
-def make_stl(attributes, header=b""):
-    rows = np.zeros(len(TRIANGLES), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    rows["corners"], rows["attribute"] = TRIANGLES, attributes
+def make_stl(attributes, header=b"", triangles=TRIANGLES):
+    rows = np.zeros(len(triangles), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    rows["corners"], rows["attribute"] = triangles, attributes
     return header.ljust(80, b"\0") + len(rows).to_bytes(4, "little") + rows.tobytes()
 
 

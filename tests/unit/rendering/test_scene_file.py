@@ -151,11 +151,9 @@ def test_copies_are_upright_in_the_view_and_the_same_every_time(read):
 
 PARSED = [
     ('[object]\nname = "a"', r"write \[\[object\]\], not \[object\]"),
-    (A + 'spheres = "b"', "object 1: needs exactly one of .*, not name and spheres"),
     (A + '[[object]]\nname = "b"\ncolor = 1', "object 2: there is no key 'color': did you mean 'colour'?"),
     (A + "colour = [1, 2, 1e400]", "scene.toml: numbers must be finite, not 1e400"),
     (A + 'material = "oak"', r"object 1: there is no \[\[material\]\] with the label 'oak': there are none"),
-    ('[[object]]\nshape = "terrain"\nturns = 2', "no key 'turns': there are label, .*, triangles, seed, height$"),
     (A + "[object.repeat]", "object 1: repeat: needs either 'grid' and 'spacing', or 'on' and 'count'"),
     (GROUND + 'repeat = {on = "b", count = 3}', "object 2: there is no object above .* 'b': there are ground"),
     (GROUND + 'repeat = {on = "ground", count = 1000000}', "1,000,001 copies are too many"),

@@ -29,7 +29,10 @@ CASES = {
         ["fisheye:", "sphere", 5, "panorama:3", "orthographic:-1", "fisheye:361", Fisheye],
     ),
     "aperture": ([(0.5, 0.5)], [-1, *NUMBER]), "focus_distance": ([(3, 3.0), (None, None)], [0, *NUMBER]),
-    "cut": ([("0,0,0;0,1,0", clbvh.Cut.plane((0, 0, 0), (0, 1, 0)))], ["w=1", "1,2,3", 5, "z=%"]),
+    "cut": (
+        [("0,0,0;0,1,0", clbvh.Cut.plane((0, 0, 0), (0, 1, 0)))],
+        ["w=1", "1,2,3", 5, "z=%", "z=", "z=inf%", "1,2;3,4,5", "a,b,c;1,2,3", "nan,0,0;1,1,1", "box 1,1,1;0,0,0"],
+    ),
     "light": ([({"sky": (1, 1, 1)}, Light(sky=(1, 1, 1)))], [5, "above", {"moon": 1}]),
     "light_direction": ([((0, 3, 4), (0.0, 3.0, 4.0)), (None, None)], [(0, 0, 0), *VECTOR]),
     "light_colour": ([("1,2,3", (1.0, 2.0, 3.0))], VECTOR), "light_sky": ([((0, 0, 0), (0.0,) * 3)], VECTOR),

@@ -1,7 +1,5 @@
 """Copies of objects: in grids, and scattered on surfaces, as many per area everywhere."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Scenes of several parts, each a geometry of its own: of GLB, glTF and OBJ files, of trimesh, and of clbvh itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh
@@ -10,13 +8,10 @@ import clbvh
 from clbvh import MeshError, SceneError
 
 from ..geometry.gltf_files import Gltf
+from .test_scene import names, shifted
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
 VERTICES = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 9 9 9\n"
-
-
-def shifted(*translation):
-    return clbvh.Transform(translate=translation).matrix
 
 
 def flatten(scene):
@@ -27,10 +22,6 @@ def flatten(scene):
         moved = (mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3])[mesh.faces]
         corners.append(moved[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else moved)
     return np.concatenate(corners)
-
-
-def names(things):
-    return [thing.name for thing in things]
 
 
 def parts_of(source, *arguments, **options):

@@ -1,7 +1,5 @@
 """A scene: what is added and placed, names and ids, colours and materials, snapshots and copies."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import threading
@@ -56,24 +54,6 @@ def same(first, second):
         assert (type(one), one.name, one.fingerprint) == (type(other), other.name, other.fingerprint)
         for array in ("vertices", "faces") if isinstance(one, clbvh.Mesh) else ("centres", "radii"):
             assert getattr(one, array).tobytes() == getattr(other, array).tobytes()
-
-
-def test_every_form_of_a_shape_is_taken_under_its_name(tmp_path):
-    scene, box = clbvh.Scene(), trimesh.creation.box()
-    box.export(tmp_path / "crate.stl")
-    for source, name in (
-        (BALL, "icosphere"),
-        (box, "Trimesh"),
-        (tmp_path / "crate.stl", "crate"),
-        (str(tmp_path / "crate.stl"), "crate 2"),
-        (TRIANGLE, "mesh"),
-        (DOTS, "dots"),
-    ):
-        assert scene.add(source).name == name
-        alone = clbvh.Scene(source)
-        assert names(alone.geometries) == names(alone.instances) == [name.removesuffix(" 2")]
-        assert alone.snapshot().is_one_mesh == (source is not DOTS)
-    assert scene.geometries[0].shape is BALL
 
 
 def test_what_is_no_shape_is_not_added(scene):
@@ -290,12 +270,6 @@ def make_painted():
     scene.place(painted, material=clbvh.Material("gold", metallic=1.0))
     scene.place(dots, material=GOLD)
     return scene
-
-
-def test_equal_materials_are_one():
-    state = make_painted().snapshot()
-    assert state.materials == (GOLD, TILES)
-    assert state.material_ids.tolist() == [-1, 0, 1, 1, 0, 0]
 
 
 def test_a_geometry_has_one_shape_for_each_material_which_shares_its_arrays():

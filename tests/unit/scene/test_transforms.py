@@ -1,7 +1,5 @@
 """Transforms: scaled, rotated about x, y and z, then moved; and the matrices that instances may have."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -15,7 +15,7 @@ import numpy as np
 
 import clbvh
 from clbvh.support import compiled as home
-from clbvh.support.compiled import INTERPRETED_ROOMS, digest_sources
+from clbvh.support.compiled import INTERPRETED_ROOMS
 from clbvh.support.loop_functions import exponent_of, power_of_two, times_power_of_two
 
 PACKAGE = Path(clbvh.__file__).parent
@@ -60,20 +60,6 @@ def test_rooms_outside_the_digest_compile_nothing():
         for path in (PACKAGE / room).rglob("*.py"):
             # The study names numba among the versions of a machine.
             assert re.search(r"(import|from) numba|support\.compiled", path.read_text()) is None, path
-
-
-def test_any_change_of_a_source_is_another_digest(tmp_path):
-    (tmp_path / "cli").mkdir()
-    (tmp_path / "one.py").write_text("a = 1\n")
-    (tmp_path / "cli" / "two.py").write_text("b = 1\n")
-    digests = [digest_sources(tmp_path)]
-    (tmp_path / "one.py").write_text("a = 2\n")
-    digests.append(digest_sources(tmp_path))
-    (tmp_path / "one.py").rename(tmp_path / "other.py")
-    digests.append(digest_sources(tmp_path))
-    assert len(set(digests)) == 3
-    (tmp_path / "cli" / "two.py").write_text("b = 2\n")
-    assert digest_sources(tmp_path) == digests[-1]
 
 
 def run_alone(folder, code):

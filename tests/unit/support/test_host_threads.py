@@ -4,7 +4,6 @@ import signal
 import threading
 import time
 
-import numpy as np
 import pytest
 
 from clbvh.support.host_threads import HostThreads, side_by_side
@@ -24,15 +23,6 @@ def ctrl_c():
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, handler)
-
-
-def test_results_are_in_the_order_of_the_tasks_and_one_task_runs_here(threads):
-    assert threads.run(lambda a, b: a - b, [(10 * number, number) for number in range(20)]) == list(range(0, 180, 9))
-    assert threads.run(len, []) == []
-    assert threads.run(threading.current_thread, [()]) == [threading.current_thread()]
-    threads.close()
-    threads.close()
-    assert threads.run(abs, [(-1,), (-2,), (-3,)]) == [1, 2, 3]
 
 
 def test_as_many_tasks_as_threads_run_at_the_same_time():
@@ -57,17 +47,6 @@ def test_an_error_arrives_after_all_have_ended(threads):
         before = len(ended)
         assert threads.run(divide, [(bad + 1,)]) == [1]
         assert len(ended) == before + 1
-
-
-def test_ranges_cover_all_rows_once(threads):
-    for row_count in (0, 1, 99, 100, 1001):
-        seen = np.zeros(row_count, int)
-
-        def count(begin, end, seen=seen):
-            seen[begin:end] += 1
-
-        threads.for_ranges(row_count, count, least_items=10)
-        assert (seen == 1).all()
 
 
 def list_own():

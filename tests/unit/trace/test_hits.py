@@ -8,7 +8,6 @@ from clbvh.integrations.trimesh.ray import order_by_depth
 from clbvh.structs import HIT
 from clbvh.trace.hits import all_hits as module, interpolate as interpolate_module
 from clbvh.trace.hits.refine import RefinedHits, refine_closest
-from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.world.surface_arrays import lone_arrays
 
@@ -67,21 +66,6 @@ def test_threads_share_the_hits(tracer, mesh, monkeypatch):
         hits = tracer.all_hits(*map(np.asfortranarray, rays), with_locations=with_locations)
         for field in (*FIELDS, "offsets", "locations"):
             assert getattr(hits, field).tobytes() == getattr(expected, field).tobytes(), field
-
-
-@pytest.mark.parametrize(("chunk", "most"), [(100, 2**21), (1000, 64), (4096, 7), (1, 1)])
-def test_any_number_of_rays_in_any_chunks(tracer, rays, expected, monkeypatch, chunk, most):
-    monkeypatch.setattr(pieces, "CHUNK_RAYS", chunk)
-    monkeypatch.setattr(module, "MOST_SLOTS", most)
-    for count in (0, 1, 63, 64, 65, *((1024, 1025) if chunk > 1 else ())):
-        told = []
-        hits = tracer.all_hits(rays[0][:count], rays[1][:count], progress=lambda *now, told=told: told.append(now))
-        np.testing.assert_array_equal(hits.offsets, expected.offsets[: count + 1])
-        for field in FIELDS:
-            assert getattr(hits, field).tobytes() == getattr(expected, field)[: expected.offsets[count]].tobytes()
-        if count:
-            assert told[-1] == (count, count)
-            assert len(told) == -(-count // min(chunk, max(1, most // module.FIRST_SLOTS)))
 
 
 def test_each_ray_keeps_its_limits_when_it_is_cast_again(tracer, rays, monkeypatch):
@@ -203,7 +187,6 @@ def test_wrong_values_are_refused(mesh, scene_hits, monkeypatch):
         ({"spheres": np.ones(20), 1: np.ones(20)}, "values for the geometry 'spheres' twice"),
         ({1: np.ones(19)}, r"spheres: there must be one value or row for each of the 20 spheres, not \(19,\)"),
         ({0: np.ones((count, 2)), 1: np.ones(20)}, rf"'knot': \({count}, 2\), 'spheres': \(20,\)"),
-        ({1: ["x"] * 20}, "real numbers, not <U1"),
         ({1: np.ma.masked_equal(np.arange(20), 3)}, "some are masked"),
     ):
         with pytest.raises(QueryError, match=message):
