@@ -206,7 +206,7 @@ class TestChanges:
             wobble(torus, frame)
             work.clear()
             answers = ask(torus)
-            assert work == []
+            assert not {"build", "Tracer"} & {*work}
             check_same(answers, ask_new(torus))
 
     def test_after_a_close_an_engine_opens_again(self, torus):
@@ -236,8 +236,7 @@ class TestChanges:
             torus.vertices = vertices
             check_same(ask(torus), before)
 
-    def test_wear_counts_from_the_build(self, torus, work):
-        """A tracer that is opened over a refitted tree begins with its growth, not with 1."""
+    def test_a_tree_that_is_opened_again_is_built_anew_if_it_is_worn(self, torus, work):
         x, y, z = np.array(torus.vertices).T
 
         def twist(angle):  # about the x-axis, the farther along it the more
@@ -251,8 +250,7 @@ class TestChanges:
         torus.ray.intersects_first(*DOWN)
         for growth, done in ((1.5, ["Tracer"]), (2.2, ["build", "Tracer"])):
             torus.vertices = twist(next(angle for angle, grown in growths.items() if grown > growth))
-            if growth < 2:
-                torus.ray._tracer.give_way()
+            torus.ray._tracer.give_way()
             work.clear()
             torus.ray.intersects_first(*DOWN)
             assert work == done

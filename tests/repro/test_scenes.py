@@ -76,5 +76,5 @@ def test_a_build_of_another_geometry_let_the_wear_of_a_geometry_begin_anew(sessi
         ):  # fmt: skip
             monkeypatch.setattr(changes, "REBUILD_GROWTH", limit)
             tracer.set_vertices(mesh, vertices)
-            growths.append(tracer._changes._refits[0].sah_growth)
+            growths.append(tracer._changes.sah_growth(0))
         assert growths[2] == growths[0] > 1.05

@@ -40,8 +40,8 @@ from ...scene.transforms import check_transforms
 from ...trace.tracer import Tracer
 from ...trace.world.trees import check_layout
 
-# A lone mesh whose SAH cost has grown by more than this factor gets a new tree: rays through a mesh that bends then
-# take about twice as long as through a new tree, see docs/tree.md.
+# A tracer builds a worn tree anew by itself. One that is opened again gets a new tree where the SAH cost has grown by
+# more than this factor.
 _LARGEST_SAH_GROWTH = 2.0
 
 # The names of a node that places a triangle mesh, and of its geometry.
@@ -108,14 +108,11 @@ class FollowedMesh:
         Trimesh's hash of the mesh.
     mesh : Mesh
     built : Bvh
-    growth_at_open : float
-        The SAH cost of the tree that the tracer was opened with, divided by its cost when it was built.
     """
 
     content: int
     mesh: Mesh
     built: Bvh
-    growth_at_open: float = 1.0
 
     @classmethod
     def read(cls, source: Any) -> FollowedMesh:
@@ -140,7 +137,6 @@ class FollowedMesh:
 
     def open(self, options: EngineOptions) -> Tracer:
         """Open a tracer of the mesh as it is now."""
-        self.growth_at_open = self.sah_growth
         return Tracer(self.bvh, device=options.device, layout=options.layout)
 
     def follow(self, source: Any, tracer: Tracer | None) -> FollowedMesh | None:
@@ -161,8 +157,7 @@ class FollowedMesh:
             except (DeviceError, QueryError):
                 tracer.close()
             else:
-                moved = replace(self, content=content, mesh=tracer.mesh)
-                return moved if self.growth_at_open * tracer.sah_growth <= _LARGEST_SAH_GROWTH else None
+                return replace(self, content=content, mesh=tracer.mesh)
         moved = replace(self, content=content, mesh=self.built.mesh.with_vertices(vertices))
         return moved if moved.sah_growth <= _LARGEST_SAH_GROWTH else None
 

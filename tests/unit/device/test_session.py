@@ -186,5 +186,4 @@ def test_every_shipped_kernel_builds_without_a_warning(session, layout):
     options = ["-cl-std=CL1.2", "-Werror", f"-DLAYOUT={LAYOUTS[layout]}", "-DSTACK_SIZE=4"]
     for path in sorted((find_folder("cl") / "kernels").glob("*.cl")):
         program = cl.Program(session.context, expand_source(f"kernels/{path.name}")).build(options)
-        names = {kernel.function_name for kernel in program.all_kernels()}
-        assert (path.stem in names) == (layout in ENTRY_POINT_LAYOUTS or not path.stem.endswith("entry_points"))
+        assert bool(program.all_kernels()) == (layout in ENTRY_POINT_LAYOUTS or not path.stem.endswith("entry_points"))

@@ -72,14 +72,13 @@ def test_buffers_respect_the_largest_allocation(session, mesh, rays, expected, m
 
 
 def test_what_cannot_be_opened_leaves_nothing_on_the_device(session, monkeypatch):
-    opened = []
+    opened, open_session = [], tracer_module.open_session
 
-    class Recorded(DeviceSession):
-        def __init__(self, device):
-            super().__init__(device)
-            opened.append(self)
+    def note(*given):
+        opened.append(open_session(*given))
+        return opened[-1]
 
-    monkeypatch.setattr(tracer_module, "DeviceSession", Recorded)
+    monkeypatch.setattr(tracer_module, "open_session", note)
     with pytest.raises(ConfigError, match="levels deep"):
         Tracer(make_chain(1026, "left")[1], device=session.info, layout="bvh2")
     assert [session.is_closed for session in opened] == [True]
