@@ -45,7 +45,7 @@ _MOST_FOR_ONE_KEY = 1 << 24
 # cluster of a tile, on GPUs.
 _PRIM_GROUP = (64,)
 _TILE_GROUP = (1,)
-_CLUSTER_GROUP = (128,)
+CLUSTER_GROUP = (128,)
 
 
 class TreeForm(NamedTuple):
@@ -180,7 +180,7 @@ class _Build:
         self._passes: list[Pass] = plan_passes(prims.shape.prim_count)
         self._root = prims.shape.prim_count - 2 if prims.shape.prim_count > 1 else ~0
         is_grouped = session.info.kind == "gpu"
-        self._merge_group = _CLUSTER_GROUP if is_grouped else _TILE_GROUP
+        self._merge_group = CLUSTER_GROUP if is_grouped else _TILE_GROUP
         self._kernels = build_kernels(
             session,
             "build_tree",
