@@ -34,7 +34,7 @@ from ...structs import (
 )
 from ...support.stopwatch import Stopwatch
 from ..options import BuildOptions
-from .passes import Pass, plan_passes
+from .passes import TILE_SIZE, Pass, plan_passes
 
 # Bits of a key, see cl/tree/morton.cl. Above this number of primitives two keys are sorted by, one after the other:
 # cells of the coarser grid would have many primitives each.
@@ -160,8 +160,13 @@ def build_tree_on(
     Raises
     ------
     DeviceError
-        The device has not enough memory: 180 bytes for each primitive besides the tree, or 80 for `bvh2`.
+        The device has not enough memory: 180 bytes for each primitive besides the tree, or 80 for `bvh2`. Or it is
+        llvmpipe.
     """
+    # It ends the loops of a work-item after 65,535 steps in all, without an error; lanes without a work-item go on to
+    # take steps, too (Mesa 22.3.6).
+    if session.info.name.startswith("llvmpipe") and (form.width > 2 or prims.shape.prim_count > TILE_SIZE):
+        raise DeviceError("llvmpipe cuts long loops short and builds wrong trees: take another device for them")
     lap("upload")
     build = _Build(session, prims, options, form)
     lap("sort")
