@@ -49,7 +49,7 @@ CLUSTER_GROUP = (128,)
 
 
 class TreeForm(NamedTuple):
-    """What becomes of the binary tree.
+    """The binary tree, and what becomes of it.
 
     Attributes
     ----------
@@ -57,10 +57,13 @@ class TreeForm(NamedTuple):
         Children of a node.
     as_rows : bool
         Nodes as a `Bvh` has them.
+    by_prefix : bool
+        The binary tree is a radix tree, see cl/tree/tile.cl.
     """
 
     width: int
     as_rows: bool = False
+    by_prefix: bool = False
 
     @property
     def node(self) -> np.dtype:
@@ -78,6 +81,9 @@ class TreeForm(NamedTuple):
     def block_width(self) -> int:
         """Primitives of a block."""
         return self.width if self.width > 2 else 1
+
+
+ROWS = TreeForm(2, as_rows=True)
 
 
 class BuiltTree(NamedTuple):
@@ -104,7 +110,12 @@ class BuiltTree(NamedTuple):
     upper: NDArray[np.float32]
 
 
-def build_fast(shape: Bounded, options: BuildOptions, device: DeviceInfo | str | int | None = None) -> Bvh:
+def build_fast(
+    shape: Bounded,
+    options: BuildOptions,
+    device: DeviceInfo | str | int | None = None,
+    form: TreeForm = ROWS,
+) -> Bvh:
     """Build on a device and download the tree.
 
     Returns
@@ -128,7 +139,7 @@ def build_fast(shape: Bounded, options: BuildOptions, device: DeviceInfo | str |
             session.finish()
             watch.lap(phase)
 
-        tree = build_tree_on(session, DevicePrims(session, session, shape), options, TreeForm(2, as_rows=True), lap)
+        tree = build_tree_on(session, DevicePrims(session, session, shape), options, form, lap)
         # Copied out of shared memory: 20 times as fast as a driver for CPUs fills new memory.
         with session.mapped(tree.nodes, tree.node_count, NODE, write=False) as mapped:
             nodes = mapped.copy()
@@ -192,6 +203,7 @@ class _Build:
             {
                 "TREE_WIDTH": form.width,
                 "AS_ROWS": int(form.as_rows),
+                "BY_PREFIX": int(form.by_prefix),
                 "GROUPED": int(is_grouped),
                 "GROUP_SIZE": self._merge_group[0],
             },
