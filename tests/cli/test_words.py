@@ -52,6 +52,7 @@ VERBS = {
     "stats mesh.ply --plot a.pdf": ".png",
     "stats mesh.ply --builder brute": "brute",
     "stats scene.toml --exact": "several objects",
+    "stats mesh.ply --device cpu": "--device needs --quality fast",
     "stats scene.toml --plot a.png": "several objects",
     "doctor --device cpu": "need --conformance",
     "doctor --conformance --mesh bunny": "'bunny' is no mesh",

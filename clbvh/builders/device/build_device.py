@@ -121,7 +121,8 @@ def build_fast(
     Returns
     -------
     Bvh
-        Its phases: "upload", "sort", "merge", "place", "download".
+        Its phases: "open", "upload", "sort", "merge", "place", "download". The first build of a process compiles or
+        loads the kernels in "sort".
 
     Raises
     ------
@@ -132,7 +133,10 @@ def build_fast(
     try:
         session = DeviceSession(device)
     except DeviceError as error:
-        raise DeviceError(f"{error}; quality='default' builds without a device") from error
+        if device is not None:
+            raise
+        raise DeviceError(f"{error}; the quality 'default' is built without a device") from error
+    watch.lap("open")
     with session:
 
         def lap(phase: str) -> None:

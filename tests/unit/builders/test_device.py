@@ -228,8 +228,11 @@ def test_a_device_is_for_fast_trees_alone_and_where_there_is_none_the_host_is_na
     mesh = Mesh.from_arrays(np.eye(3), [[0, 1, 2]])
     with pytest.raises(ConfigError, match="only trees of quality 'fast' are built on a device: leave 'cpu' out"):
         build(mesh, device="cpu")
-    with pytest.raises(DeviceError, match="quality='default' builds without a device"):
-        build(mesh, quality="fast", device="no such device")
+    with pytest.raises(DeviceError, match=r"no device matches 'none like this': the devices? [^;]*$"):
+        build(mesh, quality="fast", device="none like this")
+    monkeypatch.setenv("CLBVH_DEVICE", "none like this")
+    with pytest.raises(DeviceError, match="the quality 'default' is built without a device"):
+        build(mesh, quality="fast")
 
 
 def test_a_device_without_room_for_the_build_says_how_much_it_lacks(session):
