@@ -23,8 +23,10 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 
+from clbvh.builders.device.build_device import CLUSTER_GROUP
 from clbvh.choices import REPORT_SHADINGS, SHADINGS
 from clbvh.device.program import CORRECT_ROUNDING, GPU_OPTION, expand_source, make_options
+from clbvh.device.radix_sort import GPU_PLAN
 from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS
 from clbvh.support.folders import find_folder
 from clbvh.trace.world.trees import pad_stack
@@ -39,34 +41,62 @@ LIBCLC = Path("/usr/lib/clc")
 INSTALL = "apt-get install clang-15 libclc-15"
 NO_PTXAS = "compilers for GPUs: ptxas is missing: pip install nvidia-cuda-nvcc-cu12"
 
+# Work-items of a work-group of kernels that do not name another number.
+_GROUP_SIZE = 64
+
 # Kernels of films need no tree.
 _OF_NO_TREE = ("develop", "join_cells")
 
-
-@dataclass(frozen=True)
-class AmdGpu:
-    """A processor of AMD, as clang names it; `max_waves` is the most waves of a SIMD."""
-
-    name: str
-    max_waves: int
+# Files of several kernels, by which trees are built and refitted; the wide layouts differ by their width alone.
+_OF_BUILDS = ("build_tree", "radix_sort", "write_blocks", "refit_nodes")
+_LAYOUTS_OF_BUILDS = ("bvh2", "bvh8")
 
 
 @dataclass(frozen=True)
-class NvidiaGpu:
-    """A processor of NVIDIA, as ptxas names it; `max_waves` is the most warps of a multiprocessor."""
+class Gpu:
+    """A processor, as its compiler names it.
+
+    Attributes
+    ----------
+    name : str
+    max_waves : int
+        Most waves of a SIMD of AMD's, or warps of a multiprocessor of NVIDIA's.
+    local_bytes : int
+        Local memory, of a compute unit or a multiprocessor.
+    wave_size : int
+        Work-items of a wave.
+    simds : int
+        SIMDs that share the local memory.
+    """
 
     name: str
     max_waves: int
+    local_bytes: int
+    wave_size: int = 32
+    simds: int = 1
 
 
-AMD = (AmdGpu("gfx1030", 16), AmdGpu("gfx90a", 8), AmdGpu("gfx1100", 16))
-NVIDIA = (NvidiaGpu("sm_75", 32), NvidiaGpu("sm_80", 64), NvidiaGpu("sm_86", 48), NvidiaGpu("sm_90", 64))
+_KIB = 1 << 10
 
-# Registers of a multiprocessor, from sm_70 on; a warp gets them in units, and warps come in fours.
+AMD = (
+    Gpu("gfx1030", 16, 64 * _KIB, simds=2),
+    Gpu("gfx90a", 8, 64 * _KIB, 64, 4),
+    Gpu("gfx1100", 16, 64 * _KIB, simds=2),
+)
+NVIDIA = (
+    Gpu("sm_75", 32, 64 * _KIB),
+    Gpu("sm_80", 64, 164 * _KIB),
+    Gpu("sm_86", 48, 100 * _KIB),
+    Gpu("sm_89", 48, 100 * _KIB),
+    Gpu("sm_90", 64, 228 * _KIB),
+)
+
+# Registers of a multiprocessor, from sm_70 on; a warp gets them in units, and warps come in fours. A work-group takes
+# this much local memory besides its own.
 _NVIDIA_REGISTERS = 65_536
 _REGISTERS_OF_UNIT = 256
-_WARP = 32
 _WARPS_TOGETHER = 4
+_NVIDIA_RESERVED = _KIB
 
 
 @dataclass(frozen=True)
@@ -78,6 +108,18 @@ class Program:
     layout: str
     of_scene: bool
     defines: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def group_size(self) -> int:
+        """Work-items of a work-group."""
+        return self.defines.get("GROUP_SIZE", _GROUP_SIZE)
+
+    @property
+    def title(self) -> str:
+        """The heading of its table."""
+        if self.kernel in _OF_BUILDS:
+            return "Builds"
+        return f"`{self.layout}`, {'scenes' if self.of_scene else 'meshes'}" if self.layout else "No tree"
 
 
 @dataclass(frozen=True)
@@ -93,7 +135,7 @@ class Figures:
     spilled : int
         Registers that are spilled; for NVIDIA, bytes that are stored for it.
     local_bytes : int
-        Local memory that the compiler itself takes, per work-group.
+        Local memory of a work-group.
     waves, max_waves : int
         Waves or warps that fit at once, and the most that the processor holds.
     """
@@ -122,6 +164,8 @@ def list_programs(layouts: Sequence[str] = tuple(LAYOUT_WIDTHS)) -> Iterator[Pro
         if kernel in _OF_NO_TREE:
             yield Program(kernel, kernel, "", False)
             continue
+        if kernel in _OF_BUILDS:
+            continue
         for layout in layouts:
             if kernel.endswith("entry_points") and layout not in ENTRY_POINT_LAYOUTS:
                 continue
@@ -129,6 +173,18 @@ def list_programs(layouts: Sequence[str] = tuple(LAYOUT_WIDTHS)) -> Iterator[Pro
             for is_lone in (True, False):
                 defines = make_defines(layout, stack_size, is_lone=is_lone, has_spheres=False)
                 yield from _list_variants(kernel, layout, not is_lone, defines)
+
+
+def list_build_programs() -> Iterator[Program]:
+    """Yield the kernels that build and refit trees, as GPUs have them."""
+    for layout in _LAYOUTS_OF_BUILDS:
+        width = LAYOUT_WIDTHS[layout]
+        tile = {"GROUPED": 1, "GROUP_SIZE": CLUSTER_GROUP[0]}
+        blocks = {"BLOCK_WIDTH": width if width > 2 else 1, "HAS_FP64": 1}
+        for kernel, defines in (("build_tree", tile), ("write_blocks", blocks), ("refit_nodes", {})):
+            yield Program(kernel, f", `{layout}`", layout, False, {"TREE_WIDTH": width, **defines})
+    sort = {"DIGIT_BITS": GPU_PLAN.digit_bits, "GROUP_SIZE": GPU_PLAN.group_size}
+    yield Program("radix_sort", "", "", False, sort)
 
 
 def _list_variants(kernel: str, layout: str, of_scene: bool, defines: Mapping[str, int]) -> Iterator[Program]:
@@ -158,16 +214,30 @@ def find_missing() -> str:
     return ""
 
 
-def compile_for_amd(program: Program, gpu: AmdGpu) -> Figures:
-    """Return the figures at the end of the assembly."""
+def compile_for_amd(program: Program, gpu: Gpu) -> dict[str, Figures]:
+    """Return the figures of each kernel of a program, from the assembly."""
     text = _compile(program, "amdgcn--amdhsa", "amdgcn--amdhsa.bc", (f"-mcpu={gpu.name}", "-nogpulib"))
-    # Those of functions that the kernel calls have no occupancy; the kernel's own include them.
-    fact = {name: int(value) for name, value in re.findall(r"^; (\w+): (\d+)", text, re.MULTILINE)}
-    meta = {name: int(value) for name, value in re.findall(r"^ +\.(\w+): +(\d+)$", text, re.MULTILINE)}
-    return Figures(
-        meta["vgpr_count"], meta["private_segment_fixed_size"], meta["vgpr_spill_count"], fact["LDSByteSize"],
-        fact["Occupancy"], gpu.max_waves,
-    )  # fmt: skip
+    # Functions that a kernel calls have no occupancy; the kernel's own figures include theirs.
+    waves = [int(count) for count in re.findall(r"^; Occupancy: (\d+)", text, re.MULTILINE)]
+    kernels = text.partition("amdhsa.kernels:")[2].partition("\namdhsa")[0].split("\n  - ")[1:]
+    figures = {}
+    for kernel, by_registers in zip(kernels, waves, strict=True):
+        fact = dict(re.findall(r"^    \.(\w+): +(\w+)$", kernel, re.MULTILINE))
+        registers, stack, spilled, local = (
+            int(fact[name])
+            for name in ("vgpr_count", "private_segment_fixed_size", "vgpr_spill_count", "group_segment_fixed_size")
+        )
+        most = min(by_registers, _count_waves(program, gpu, local))
+        figures[fact["name"]] = Figures(registers, stack, spilled, local, most, gpu.max_waves)
+    return figures
+
+
+def _count_waves(program: Program, gpu: Gpu, local_bytes: int) -> int:
+    """Return the waves that local memory leaves room for."""
+    if local_bytes == 0:
+        return gpu.max_waves
+    groups = gpu.local_bytes // local_bytes
+    return max(1, groups * -(-program.group_size // gpu.wave_size) // gpu.simds)
 
 
 def compile_to_ptx(program: Program) -> str:
@@ -181,19 +251,24 @@ def count_loads(ptx: str) -> tuple[int, int]:
     return len(widths), sum(int(width or 1) for width in widths)
 
 
-def assemble_for_nvidia(ptx: str, gpu: NvidiaGpu, ptxas: Path) -> Figures:
-    """Return what ptxas says; occupancy is by registers."""
+def assemble_for_nvidia(program: Program, ptx: str, gpu: Gpu, ptxas: Path) -> dict[str, Figures]:
+    """Return the figures of each kernel of a program, from what ptxas says."""
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "kernel.ptx"
         source.write_text(ptx, encoding="utf-8")
         text = _run([str(ptxas), "-v", f"-arch={gpu.name}", "-o", os.devnull, str(source)]).stderr
-    registers = int(re.findall(r"Used (\d+) registers", text)[0])
-    stack, stores, _ = re.findall(r"(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads", text)[
-        0
-    ]
-    units = -(-registers * _WARP // _REGISTERS_OF_UNIT)
-    warps = _NVIDIA_REGISTERS // (units * _REGISTERS_OF_UNIT) // _WARPS_TOGETHER * _WARPS_TOGETHER
-    return Figures(registers, int(stack), int(stores), 0, min(warps, gpu.max_waves), gpu.max_waves)
+    figures = {}
+    for kernel in text.split("Compiling entry function '")[1:]:
+        registers, stack, stores, local = (
+            int(match[1]) if (match := re.search(pattern, kernel)) else 0
+            for pattern in (r"Used (\d+) registers", r"(\d+) bytes stack", r"(\d+) bytes spill st", r"(\d+) bytes smem")
+        )
+        units = -(-registers * gpu.wave_size // _REGISTERS_OF_UNIT)
+        by_registers = _NVIDIA_REGISTERS // (units * _REGISTERS_OF_UNIT) // _WARPS_TOGETHER * _WARPS_TOGETHER
+        by_memory = _count_waves(program, gpu, local and local + _NVIDIA_RESERVED)
+        waves = min(by_registers, by_memory, gpu.max_waves)
+        figures[kernel.partition("'")[0]] = Figures(registers, stack, stores, local, waves, gpu.max_waves)
+    return figures
 
 
 def _compile(program: Program, target: str, library: str, more: Sequence[str]) -> str:
@@ -212,27 +287,29 @@ def _run(command: Sequence[str], text: str | None = None) -> subprocess.Complete
     return done
 
 
-def make_row(program: Program, ptxas: Path) -> str:
-    """Return a program's row of a table."""
+def make_rows(program: Program, ptxas: Path) -> list[str]:
+    """Return the rows of a table for the kernels of a program."""
     ptx = compile_to_ptx(program)
-    loads, words = count_loads(ptx)
-    cells = [str(compile_for_amd(program, gpu)) for gpu in AMD]
-    cells += [str(assemble_for_nvidia(ptx, gpu, ptxas)) for gpu in NVIDIA]
-    return " | ".join(("| " + program.label, *cells, f"{loads} of {words} |"))
+    of_gpus = [compile_for_amd(program, gpu) for gpu in AMD]
+    of_gpus += [assemble_for_nvidia(program, ptx, gpu, ptxas) for gpu in NVIDIA]
+    rows = []
+    for kernel in of_gpus[0]:
+        loads, words = count_loads(ptx.partition(f".entry {kernel}(")[2].partition(".entry")[0])
+        label = kernel + program.label if program.kernel in _OF_BUILDS else program.label
+        cells = (str(figures[kernel]) for figures in of_gpus)
+        rows.append(" | ".join(("| " + label, *cells, f"{loads} of {words} |")))
+    return rows
 
 
-def write_tables(programs: Sequence[Program], rows: Sequence[str], ptxas: Path) -> str:
+def write_tables(programs: Sequence[Program], rows: Sequence[Sequence[str]], ptxas: Path) -> str:
     """Return the tables, one for each layout and kind of tree, under the versions of the compilers."""
     release = re.search(r"release ([\d.]+, V[\d.]+)", _run([str(ptxas), "--version"]).stdout)
     version = _run([CLANG, "--version"]).stdout.splitlines()[0]
     lines = [f"Compilers: {version}; libclc 15; ptxas {release[1] if release else ''}."]
-    titles = dict.fromkeys((program.layout, program.of_scene) for program in programs)
-    for layout, of_scene in sorted(titles):
-        title = f"`{layout}`, {'scenes' if of_scene else 'meshes'}" if layout else "No tree"
-        names = " | ".join(gpu.name for gpu in (*AMD, *NVIDIA))
+    names = " | ".join(gpu.name for gpu in (*AMD, *NVIDIA))
+    for title in sorted({program.title for program in programs}):
         lines += ["", f"### {title}", "", f"| kernel | {names} | loads |", "|---|" + "---|" * (len(AMD + NVIDIA) + 1)]
-        lines += [row for program, row in zip(programs, rows, strict=True)
-                  if (program.layout, program.of_scene) == (layout, of_scene)]  # fmt: skip
+        lines += [row for program, found in zip(programs, rows, strict=True) if program.title == title for row in found]
     return "\n".join(lines)
 
 
@@ -246,9 +323,10 @@ def main() -> int:  # noqa: D103
     if missing or ptxas is None:
         print(missing, file=sys.stderr)
         return 1
-    programs = [program for program in list_programs() if arguments.only in program.label]
+    everything = (*list_programs(), *list_build_programs())
+    programs = [program for program in everything if arguments.only in program.kernel + program.label]
     with ThreadPoolExecutor(arguments.jobs) as threads:
-        rows = list(threads.map(lambda program: make_row(program, ptxas), programs))
+        rows = list(threads.map(lambda program: make_rows(program, ptxas), programs))
     tables = write_tables(programs, rows, ptxas)
     if arguments.only:
         print(tables)

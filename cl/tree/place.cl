@@ -20,10 +20,13 @@ typedef struct {
     global tree_summary_t *summary;
 } output_t;
 
+// Entries on the stack of `list_prims`: a subtree of a wide layout is a block, which has TREE_WIDTH primitives at most.
+#define LIST_STACK_SIZE (TREE_WIDTH > 2 ? TREE_WIDTH : MOST_HEIGHT)
+
 // List the primitives of a subtree, leaf after leaf from left to right; those of a leaf ascend.
 INLINED void list_prims(const tree_t *tree, const int top, global int *prims)
 {
-    int stack[MOST_HEIGHT];
+    int stack[LIST_STACK_SIZE];
     int cluster = top;
     int stack_size = 0;
     int leaf_begin = 0;

@@ -40,8 +40,13 @@ INLINED int distance_of(const local tile_memory_t *tile, const int one, const in
     return (as_int(area) & ~TAG_MASK) | ((one ^ other) & TAG_MASK);
 }
 
-INLINED int nearest_neighbour(const local tile_memory_t *tile, const int place, const int count)
+INLINED int nearest_neighbour(const tree_t *tree, const local tile_memory_t *tile, const int place, const int count)
 {
+#if BY_PREFIX
+    const ulong before = place > 0 ? gap_behind(tree, tile->clusters[place - 1]) : ULONG_MAX;
+    const ulong behind = place < count - 1 ? gap_behind(tree, tile->clusters[place]) : ULONG_MAX;
+    return behind < before ? place + 1 : place - 1;
+#else
     int least = INT_MAX;
     for (int other = max(place - RADIUS, 0); other <= min(place + RADIUS, count - 1); other++) {
         if (other != place) {
@@ -49,6 +54,7 @@ INLINED int nearest_neighbour(const local tile_memory_t *tile, const int place, 
         }
     }
     return partner_of(place, least);
+#endif
 }
 
 // The sum of what the items before this one give.
@@ -97,7 +103,7 @@ INLINED void merge_tile(
         const bool is_paired = is_late(range, round, count, tile->height);
         for (int place = first; place < min(first + OWN, count); place++) {
             const int neighbour = (place ^ 1) < count ? place ^ 1 : place;
-            tile->partners[place] = is_paired ? neighbour : nearest_neighbour(tile, place, count);
+            tile->partners[place] = is_paired ? neighbour : nearest_neighbour(tree, tile, place, count);
         }
         barrier(CLK_LOCAL_MEM_FENCE);
 
@@ -106,19 +112,28 @@ INLINED void merge_tile(
         for (int place = first; place < first + OWN; place++) {
             pairs += begins_pair(tile, place, count);
         }
-        int rank = sum_before(tile, pairs);
+        const int first_number = merge + sum_before(tile, pairs);
         const int merge_count = min(tile->sums[GROUP_SIZE - 1], count - range->target);
-        int made[OWN];
+        // A bit for each cluster that is the first of a pair that merges.
+        uint made = 0;
+        int number = first_number;
         for (int i = 0; i < OWN; i++) {
-            const bool is_first = begins_pair(tile, first + i, count);
-            made[i] = is_first && rank < merge_count ? merge + rank : -1;
-            rank += is_first;
+            const int place = first + i;
+            if (begins_pair(tile, place, count) && number < merge + merge_count) {
+                const int partner = tile->partners[place];
+                const int height = merge_clusters(
+                    tree, number, tile->clusters[place], tile->clusters[partner], get_box(tile, place),
+                    get_box(tile, partner));
+                atomic_max(&tile->height, height);
+                made |= 1u << i;
+                number++;
+            }
         }
         barrier(CLK_LOCAL_MEM_FENCE);
 
         // A pair is marked at its second cluster, which goes.
         for (int i = 0; i < OWN; i++) {
-            if (made[i] >= 0) {
+            if (made >> i & 1) {
                 tile->partners[tile->partners[first + i]] = -1;
             }
         }
@@ -129,32 +144,27 @@ INLINED void merge_tile(
         }
         int next = sum_before(tile, staying);
 
-        // The merge takes the place of the first of both.
+        // The merge takes the place of the first of both. Without indices that vary, the arrays are registers.
         int new_clusters[OWN];
         box_t new_boxes[OWN];
-        int new_count = 0;
+        number = first_number;
+#pragma unroll
         for (int i = 0; i < OWN; i++) {
             const int place = first + i;
-            if (place >= count || tile->partners[place] < 0) {
-                continue;
+            new_clusters[i] = tile->clusters[place];
+            new_boxes[i] = get_box(tile, place);
+            if (made >> i & 1) {
+                new_clusters[i] = number++;
+                new_boxes[i] = unite(new_boxes[i], get_box(tile, tile->partners[place]));
             }
-            new_clusters[new_count] = tile->clusters[place];
-            new_boxes[new_count] = get_box(tile, place);
-            if (made[i] >= 0) {
-                const int partner = tile->partners[place];
-                const box_t other = get_box(tile, partner);
-                const int height = merge_clusters(
-                    tree, made[i], tile->clusters[place], tile->clusters[partner], new_boxes[new_count], other);
-                atomic_max(&tile->height, height);
-                new_clusters[new_count] = made[i];
-                new_boxes[new_count] = unite(new_boxes[new_count], other);
-            }
-            new_count++;
         }
         // What this item has written, others read in the next round.
         barrier(CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE);
-        for (int i = 0; i < new_count; i++) {
-            set_cluster(tile, next + i, new_clusters[i], new_boxes[i]);
+#pragma unroll
+        for (int i = 0; i < OWN; i++) {
+            if (first + i < count && tile->partners[first + i] >= 0) {
+                set_cluster(tile, next++, new_clusters[i], new_boxes[i]);
+            }
         }
         merge += merge_count;
         count -= merge_count;

@@ -43,9 +43,9 @@ class BuildOptions:
     frontier : int
         Largest number of primitives in a leaf of the builder `frontier`, in place of `leaf_size`, 4 to 8192.
     quality : str
-        The quality of the builder `sah`: ``"fast"``, built on an OpenCL device, for meshes of few queries, with a SAH
-        cost up to 15 % higher; ``"default"``; ``"high"``, which rearranges that tree in about ten times its time, for
-        scenes that are traced for long. Other builders have ``"default"`` only. See docs/build.md.
+        The quality of the builder `sah`: ``"fast"``, a tree that the OpenCL device builds, for meshes of few queries,
+        with a SAH cost up to 15 % higher; ``"default"``; ``"high"``, which rearranges that tree in about ten times its
+        time, for scenes that are traced for long. Other builders have ``"default"`` only. See docs/build.md.
 
     Examples
     --------

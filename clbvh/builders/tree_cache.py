@@ -50,7 +50,7 @@ class BuildResult:
     ----------
     bvh : Bvh
     workers : int
-        Threads that built it; 0 for a tree from the cache.
+        Threads that built it; 0 for a tree from the cache or from a device.
     from_cache : bool
     timings_ms : dict of str to float
         cache, build.
@@ -87,17 +87,20 @@ def get_tree(shape: Shape, options: TreeOptions, device: DeviceInfo | str | int 
         notes.append(note)
         watch.lap("cache")
 
-    workers = 0
+    workers, from_cache = 0, bvh is not None
     if bvh is None:
-        workers = choose_workers(shape.prim_count, options.builder, options.build, options.workers)
-        on = device if options.build.quality == FAST_QUALITY else None
+        on = None
+        if options.build.quality == FAST_QUALITY:
+            on = device
+        else:
+            workers = choose_workers(shape.prim_count, options.builder, options.build, options.workers)
         bvh = build_tree(shape, options.builder, None, options.build, options.workers, on)
         watch.lap("build")
         if path is not None:
             notes.append(keep_tree(path, bvh))
             watch.lap("cache")
     timings_ms = {phase: watch.laps_ms.get(phase, 0.0) for phase in ("cache", "build")}
-    return BuildResult(bvh, workers, workers == 0, timings_ms, tuple(filter(None, notes)))
+    return BuildResult(bvh, workers, from_cache, timings_ms, tuple(filter(None, notes)))
 
 
 def find_tree_cache() -> Path:

@@ -14,7 +14,7 @@ from ..rendering.options import RenderOptions
 from . import options
 from .progress import Progress
 from .signals import calling_on_interrupt
-from .tables import describe_count, describe_scene, join_facts, make_facts, make_times, print_report
+from .tables import describe_count, describe_scene, describe_workers, join_facts, make_facts, make_times, print_report
 
 if TYPE_CHECKING:
     from ..rendering.picture import Picture
@@ -127,7 +127,7 @@ def _make_facts(report: dict[str, Any]) -> Any:
         describe_count(report["nodes"], "node"),
         f"depth {report['depth']}{' of both levels' if scene else ''}",
         f"SAH cost {sah_cost:.2f}" if sah_cost is not None else "",
-        "from the cache" if report["tree_from_cache"] else describe_count(report["workers"], "worker"),
+        "from the cache" if report["tree_from_cache"] else describe_workers(report["workers"]),
     )
     checked = f"{'all trees' if scene else 'tree'} and {validated:,} pixels agree with the reference"
     return make_facts({

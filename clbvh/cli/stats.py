@@ -13,12 +13,22 @@ from cyclopts import Parameter
 
 from ..builders.tree_options import TreeOptions
 from . import options
-from .tables import describe_count, describe_scene, join_facts, make_facts, make_table, make_times, print_report
+from .tables import (
+    describe_count,
+    describe_scene,
+    describe_workers,
+    join_facts,
+    make_facts,
+    make_table,
+    make_times,
+    print_report,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from ..bvh import Bvh
+    from ..device.info import DeviceInfo
     from ..rendering.view import View
 
 _MIB = 1 << 20
@@ -38,6 +48,8 @@ def stats(
     *,
     exact: bool = False,
     rays: bool = False,
+    validate: bool = False,
+    device: options.Device = None,
     plot: Annotated[Path | None, Parameter(metavar="FILE.png")] = None,
     tree: options.Given = options.NOTHING,
     as_json: options.AsJson = False,
@@ -50,10 +62,16 @@ def stats(
         Measure the end-point overlap on all triangles, not on at most 200,000.
     rays
         Count node steps and triangle tests per ray.
+    validate
+        Check the tree.
     plot
         Draw the histograms of leaf sizes and depths.
     """
+    from ..builders.build import leaf_limit
+    from ..builders.options import FAST_QUALITY, MAX_DEPTH
     from ..builders.tree_cache import get_tree
+    from ..bvh import validate_tree
+    from ..device.select import choose_device
     from ..errors import ConfigError
     from ..geometry import Mesh
     from ..rendering.open_scene import open_scene
@@ -67,6 +85,10 @@ def stats(
     if plot is not None:
         check_plot_path(plot)
     wanted = options.make_options(TreeOptions, tree)
+    is_fast = wanted.build.quality == FAST_QUALITY
+    if device is not None and not (is_fast or rays):
+        raise ConfigError("--device needs --quality fast, which it builds, or --rays, which it casts")
+    info = None if device is None else choose_device(device)
     watch = Stopwatch()
     scene, view = open_scene(source)
     state = scene.snapshot()
@@ -76,8 +98,12 @@ def stats(
         if is_given and mesh is None:
             raise ConfigError(f"{option} measures the tree of one mesh, and {source} has several objects")
 
-    made = [get_tree(shape, wanted) for shape in (state.shapes if mesh is None else [mesh])]
+    made = [get_tree(shape, wanted, info) for shape in (state.shapes if mesh is None else [mesh])]
     watch.lap("build")
+    if validate:
+        for each in made:
+            validate_tree(each.bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_limit(wanted.builder, wanted.build))
+        watch.lap("validate")
     trees, cost = [each.bvh for each in made], wanted.build.traversal_cost
     report: dict[str, Any]
     if mesh is None:
@@ -96,12 +122,14 @@ def stats(
         report = {"mesh": facts, "tree": measured.as_dict()}
     watch.lap("measure")
     if rays:
-        report["rays"] = _measure_rays(trees[0], view)
+        report["rays"] = _measure_rays(trees[0], view, info)
         watch.lap("rays")
     report["build"] = {
         "builder": wanted.builder,
         **asdict(wanted.build),
         "workers": max(each.workers for each in made),
+        "device": (info or choose_device()).name if is_fast else None,
+        "validated": validate,
         "timings_ms": add_total(watch.laps_ms, watch.total_ms),
         **({} if mesh is None else {"phases_ms": dict(trees[0].timings_ms)}),
     }
@@ -111,14 +139,14 @@ def stats(
     print_report(report, *shown, _make_times(report["build"]), as_json=as_json)
 
 
-def _measure_rays(bvh: Bvh, view: View) -> dict[str, dict[str, float]]:
+def _measure_rays(bvh: Bvh, view: View, device: DeviceInfo | None) -> dict[str, dict[str, float]]:
     """Return the mean counts per ray, for each kind of rays."""
     from ..rendering.cameras.bounds import SceneBounds
     from ..rendering.heat_map import mean_steps, measure_rays
     from ..rendering.view_finder import ViewFinder
 
     finder = ViewFinder(SceneBounds.of_mesh(bvh.mesh))
-    steps = measure_rays(bvh, finder.camera(finder.complete(view)), view.width / view.height)
+    steps = measure_rays(bvh, finder.camera(finder.complete(view)), view.width / view.height, device=device)
     return {
         kind: {
             "rays": len(counted),
@@ -238,7 +266,15 @@ def _make_times(build: dict[str, Any]) -> Any:
 
 
 def _describe_builder(report: dict[str, Any]) -> str:
-    return f"{report['build']['builder']}, {describe_count(report['build']['workers'], 'worker')}"
+    from ..builders.options import DEFAULT_QUALITY
+
+    build = report["build"]
+    return join_facts(
+        build["builder"],
+        "" if build["quality"] == DEFAULT_QUALITY else f"quality {build['quality']}",
+        build["device"] or describe_workers(build["workers"]),
+        "validated" if build["validated"] else "",
+    )
 
 
 def _format_mib(size: int) -> str:

@@ -14,8 +14,9 @@ _PHASES = {
     "load": "load and place the objects",
     "cache": "look the tree up in the cache, or keep it there",
     "build": "build the tree",
+    "validate": "check the tree",
     "measure": "the measures above",
-    "rays": "cast on the host, step for step as layout bvh2",
+    "rays": "cast on the device, as layout bvh2",
     "open": "open the device",
     "layout": "arrange the tree for the device",
     "compile": "compile kernels in a first run, or load them",
@@ -101,6 +102,11 @@ def join_facts(*facts: str) -> str:
 def describe_count(count: int, noun: str) -> str:
     """Return ``1 triangle``, or ``2,000 triangles``."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
+def describe_workers(workers: int) -> str:
+    """Return ``2 workers``; without any, a device has built."""
+    return describe_count(workers, "worker") if workers else "built on the device"
 
 
 def describe_scene(instances: int, geometries: int, prims: int) -> str:

@@ -1,8 +1,8 @@
 """Asks a device about every case in every layout, and compares its answers with the stored ones, byte by byte.
 
-Answers are named arrays with one row per ray, point or pixel. `python -m clbvh.conformance.check`, or
-`make conformance-refresh`, stores them anew, where answers change on purpose; it refuses unless all layouts agree. Then
-look at the other runtimes, with `make conformance`, before the file is committed.
+Answers are named arrays with one row per ray, point or pixel, or per node of a tree. `make conformance-refresh`, which
+is `python -m clbvh.conformance.check`, stores them anew, where answers change on purpose; it refuses unless all layouts
+agree. Then look at the other runtimes, with `make conformance`, before the file is committed.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..builders.build import build
+from ..builders.options import FAST_QUALITY
 from ..bvh import Bvh
 from ..choices import REPORT_SHADINGS
 from ..device.info import DeviceInfo
@@ -80,6 +81,12 @@ def answer_pictures(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> It
             yield f"picture {shading}", _describe_hits(picture.hits) | {"colour": colours}
 
 
+def answer_tree(case: Case, device: DeviceInfo) -> Answer:
+    """Return the tree that a device builds, nodes as the words that they consist of."""
+    bvh = build(case.mesh, quality=FAST_QUALITY, device=device)
+    return {"nodes": bvh.nodes.view(np.int32).reshape(len(bvh.nodes), -1), "prim_ids": bvh.prim_ids}
+
+
 def _describe_hits(hits: Hits) -> Answer:
     return {
         "prim_id": hits.prim_id.reshape(-1),
@@ -108,7 +115,7 @@ class Difference:
     ----------
     layout, query, mesh, part : str
     row : int
-        The first ray, point or pixel that differs; -1 if it cannot be told.
+        The first ray, point, pixel or node that differs; -1 if it cannot be told.
     value : str
         The device's answer there.
     """
@@ -166,7 +173,7 @@ def check_device(
     ----------
     device : DeviceInfo
     layouts : sequence of str, optional
-        Among `ALL_LAYOUTS`.
+        Among `ALL_LAYOUTS`. The tree that the device builds is compared in any case.
     meshes : sequence of str, optional
         Names of cases; all without it.
 
@@ -196,7 +203,8 @@ def check_device(
 
 
 def answer_case(case: Case, device: DeviceInfo, layouts: Sequence[str]) -> Iterator[tuple[str, str, Answer]]:
-    """Yield layout, query and answer of everything that is asked about a case."""
+    """Yield layout, query and answer of everything that is asked about a case; the quality of a tree is its layout."""
+    yield FAST_QUALITY, "tree", answer_tree(case, device)
     bvh = build(case.mesh)
     for layout in layouts:
         for ask in (answer_pictures,) if layout == BRUTE else (answer_rays, answer_pictures):

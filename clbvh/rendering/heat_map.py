@@ -149,7 +149,9 @@ RAY_COUNT = 50_000
 _LIFT = 1e-5
 
 
-def measure_rays(bvh: Bvh, camera: Camera, aspect: float, *, ray_count: int = RAY_COUNT) -> dict[str, NDArray[np.void]]:
+def measure_rays(
+    bvh: Bvh, camera: Camera, aspect: float, *, ray_count: int = RAY_COUNT, device: DeviceInfo | None = None
+) -> dict[str, NDArray[np.void]]:
     """Count the node steps and triangle tests of rays.
 
     Parameters
@@ -160,6 +162,7 @@ def measure_rays(bvh: Bvh, camera: Camera, aspect: float, *, ray_count: int = RA
         Width of its picture divided by the height.
     ray_count : int, optional
         The approximate number of rays of each kind.
+    device : DeviceInfo, optional
 
     Returns
     -------
@@ -177,7 +180,7 @@ def measure_rays(bvh: Bvh, camera: Camera, aspect: float, *, ray_count: int = RA
         "random": (lower + generator.random((ray_count, 3)) * size, generator.normal(size=(ray_count, 3))),
         "surface": _surface_rays(bvh.mesh, ray_count, generator),
     }
-    with open_counter(bvh) as caster:
+    with open_counter(bvh, device) as caster:
         return {kind: count_steps(caster, *cast) for kind, cast in rays.items()}
 
 

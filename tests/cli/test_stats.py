@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from clbvh import build, make_shape, measure_tree, sah_cost
+from clbvh.device.select import choose_device
 from clbvh.layouts.device_arrays import measure_device_bytes
 from clbvh.stats import tree_stats
 
@@ -81,6 +82,17 @@ class TestMesh:
         assert report["build"].items() >= (expected | {"task_threshold": 100}).items()
         report = stats(knot_file, "--quality", "fast")
         assert (report["tree"], report["build"]["quality"]) == (as_json(build(knot, quality="fast")), "fast")
+
+    def test_a_device_builds_a_fast_tree_which_is_checked_on_demand(self, knot_file, knot):
+        result = run_clbvh("stats", knot_file, "--quality", "fast", "--device", "cpu", "--validate")
+        assert result.returncode == 0, result.stderr
+        device = choose_device("cpu").name
+        for words in (f"sah, quality fast, {device}, validated", "  merge", "validate", "check the tree"):
+            assert words in result.stdout
+        report = stats(knot_file, "--quality", "fast")["build"]
+        assert (report["workers"], report["validated"]) == (0, False)
+        assert report["phases_ms"].keys() == build(knot, quality="fast").timings_ms.keys()
+        refuses(run_clbvh("stats", knot_file, "--quality", "fast", "--device", "nosuch"), 3, "'nosuch'")
 
     def test_the_tables_have_all_measures_and_add_up(self, knot_file, knot):
         measured = measure_tree(build(knot))

@@ -34,6 +34,8 @@ VERBS = {
     "images mesh.ply -o a.png --camera-file gone.json --fov 30": "--camera-file says all of the view",
     "stats mesh.ply --plot a.pdf": ".png",
     "stats scene.toml --exact": "several objects",
+    "stats mesh.ply --device cpu": "--device needs --quality fast",
+    "stats scene.toml --plot a.png": "several objects",
     "doctor --device cpu": "need --conformance",
     "doctor --conformance --mesh bunny": "'bunny' is no mesh",
     "doctor --fix --conformance": "give one of them",

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from clbvh.builders.options import MAX_DEPTH
+
 SPEC = importlib.util.spec_from_file_location("gpu_report", Path(__file__).parents[2] / ".ci/gpu_report.py")
 report = importlib.util.module_from_spec(SPEC)
 # Dataclasses look their module up.
@@ -37,12 +39,35 @@ def name_program(program):
 def test_bvh2_spills_no_register_and_keeps_nothing_but_stacks_in_memory(program):
     stacks = 4 * (program.defines["STACK_SIZE"] + program.defines.get("TOP_STACK_SIZE", 0))
     for gpu in GPUS:
-        figures = report.compile_for_amd(program, gpu)
+        figures = report.compile_for_amd(program, gpu)[program.kernel]
         assert figures.spilled == figures.local_bytes == 0, gpu.name
         assert figures.stack_bytes <= stacks + ELSE, gpu.name
     if (ptxas := report.find_ptxas()) is not None:
         ptx = report.compile_to_ptx(program)
-        assert report.assemble_for_nvidia(ptx, report.NVIDIA[-1], ptxas).spilled == 0
+        assert report.assemble_for_nvidia(program, ptx, report.NVIDIA[-1], ptxas)[program.kernel].spilled == 0
+
+
+# Private memory of kernels that build trees: of those that walk below a node, a stack and the node's children.
+WALKS = {"place_first", "place_tiles", "mark_tiles", "count_tiles"}
+STACK = 4 * MAX_DEPTH + ELSE
+
+
+@compiles
+@pytest.mark.parametrize("program", [*report.list_build_programs()], ids=lambda program: program.kernel + program.label)
+def test_builds_spill_no_register_and_keep_clusters_out_of_private_memory(program):
+    found = [report.compile_for_amd(program, gpu) for gpu in GPUS]
+    ptx = report.compile_to_ptx(program)
+    if (ptxas := report.find_ptxas()) is not None:
+        found.append(report.assemble_for_nvidia(program, ptx, report.NVIDIA[-1], ptxas))
+    for kernel, figures in (item for of_gpu in found for item in of_gpu.items()):
+        assert figures.spilled == 0, kernel
+        if kernel != "write_blocks":  # an array of the corners of eight triangles
+            assert figures.stack_bytes <= (STACK if kernel in WALKS else 0), kernel
+        # Three work-groups fit beside each other.
+        assert 3 * figures.local_bytes <= 1 << 16, kernel
+    # An operation that does not say how it rounds may be fused with the next one.
+    operations = re.findall(r"\b(?:add|sub|mul|fma)\.[a-z.]*f(?:32|64)\b", ptx)
+    assert all(re.fullmatch(r"[a-z]+\.rn\.f(?:32|64)", operation) for operation in operations), operations
 
 
 @compiles

@@ -35,7 +35,7 @@ from ...structs import (
 )
 from ...support.stopwatch import Stopwatch
 from ..options import BuildOptions
-from .passes import Pass, plan_passes
+from .passes import TILE_SIZE, Pass, plan_passes
 
 # Bits of a key, see cl/tree/morton.cl. Above this number of primitives two keys are sorted by, one after the other:
 # cells of the coarser grid would have many primitives each.
@@ -46,11 +46,11 @@ _MOST_FOR_ONE_KEY = 1 << 24
 # cluster of a tile, on GPUs.
 _PRIM_GROUP = (64,)
 _TILE_GROUP = (1,)
-_CLUSTER_GROUP = (128,)
+CLUSTER_GROUP = (128,)
 
 
 class TreeForm(NamedTuple):
-    """What becomes of the binary tree.
+    """The binary tree, and what becomes of it.
 
     Attributes
     ----------
@@ -58,10 +58,13 @@ class TreeForm(NamedTuple):
         Children of a node.
     as_rows : bool
         Nodes as a `Bvh` has them.
+    by_prefix : bool
+        The binary tree is a radix tree, see cl/tree/tile.cl.
     """
 
     width: int
     as_rows: bool = False
+    by_prefix: bool = False
 
     @property
     def node(self) -> np.dtype:
@@ -79,6 +82,9 @@ class TreeForm(NamedTuple):
     def block_width(self) -> int:
         """Primitives of a block."""
         return self.width if self.width > 2 else 1
+
+
+ROWS = TreeForm(2, as_rows=True)
 
 
 class BuiltTree(NamedTuple):
@@ -105,13 +111,19 @@ class BuiltTree(NamedTuple):
     upper: NDArray[np.float32]
 
 
-def build_fast(shape: Bounded, options: BuildOptions, device: DeviceInfo | str | int | None = None) -> Bvh:
+def build_fast(
+    shape: Bounded,
+    options: BuildOptions,
+    device: DeviceInfo | str | int | None = None,
+    form: TreeForm = ROWS,
+) -> Bvh:
     """Build on a device and download the tree.
 
     Returns
     -------
     Bvh
-        Its phases: "upload", "sort", "merge", "place", "download".
+        Its phases: "open", "upload", "sort", "merge", "place", "download". The first build of a process compiles or
+        loads the kernels in "sort".
 
     Raises
     ------
@@ -122,14 +134,17 @@ def build_fast(shape: Bounded, options: BuildOptions, device: DeviceInfo | str |
     try:
         session = open_session(shape, device)
     except DeviceError as error:
-        raise DeviceError(f"{error}; quality='default' builds without a device") from error
+        if device is not None:
+            raise
+        raise DeviceError(f"{error}; the quality 'default' is built without a device") from error
+    watch.lap("open")
     with session:
 
         def lap(phase: str) -> None:
             session.finish()
             watch.lap(phase)
 
-        tree = build_tree_on(session, DevicePrims(session, session, shape), options, TreeForm(2, as_rows=True), lap)
+        tree = build_tree_on(session, DevicePrims(session, session, shape), options, form, lap)
         # Copied out of shared memory: 20 times as fast as a driver for CPUs fills new memory.
         with session.mapped(tree.nodes, tree.node_count, NODE, write=False) as mapped:
             nodes = mapped.copy()
@@ -161,8 +176,13 @@ def build_tree_on(
     Raises
     ------
     DeviceError
-        The device has not enough memory: 180 bytes for each primitive besides the tree, or 80 for `bvh2`.
+        The device has not enough memory: 180 bytes for each primitive besides the tree, or 80 for `bvh2`. Or it is
+        llvmpipe.
     """
+    # It ends the loops of a work-item after 65,535 steps in all, without an error; lanes without a work-item go on to
+    # take steps, too (Mesa 22.3.6).
+    if session.info.name.startswith("llvmpipe") and (form.width > 2 or prims.shape.prim_count > TILE_SIZE):
+        raise DeviceError("llvmpipe cuts long loops short and builds wrong trees: take another device for them")
     lap("upload")
     build = _Build(session, prims, options, form)
     lap("sort")
@@ -181,13 +201,14 @@ class _Build:
         self._passes: list[Pass] = plan_passes(prims.shape.prim_count)
         self._root = prims.shape.prim_count - 2 if prims.shape.prim_count > 1 else ~0
         is_grouped = session.info.kind == "gpu"
-        self._merge_group = _CLUSTER_GROUP if is_grouped else _TILE_GROUP
+        self._merge_group = CLUSTER_GROUP if is_grouped else _TILE_GROUP
         self._kernels = build_kernels(
             session,
             "build_tree",
             {
                 "TREE_WIDTH": form.width,
                 "AS_ROWS": int(form.as_rows),
+                "BY_PREFIX": int(form.by_prefix),
                 "GROUPED": int(is_grouped),
                 "GROUP_SIZE": self._merge_group[0],
             },

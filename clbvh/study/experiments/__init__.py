@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 from ...errors import ConfigError
 from ..experiment import Experiment
-from .builders import Counters, Ladder, Scaling, Threshold
+from .builders import Counters, Ladder, Scaling, Threshold, Trees
 from .devices import Devices, Divergence, Layouts
 from .frames import Breakdown, Frontier, Gallery, Resolution, Scenes
 from .peers import Peers
 
 EXPERIMENTS: dict[str, Experiment] = {
     experiment.name: experiment
-    for experiment in (Ladder(), Scaling(), Threshold(), Scenes(), Resolution(), Breakdown(), Frontier(), Layouts(),
-                       Divergence(), Counters(), Peers(), Devices(), Gallery())
+    for experiment in (Ladder(), Trees(), Scaling(), Threshold(), Scenes(), Resolution(), Breakdown(), Frontier(),
+                       Layouts(), Divergence(), Counters(), Peers(), Devices(), Gallery())
 }  # fmt: skip
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ...builders.ladder.variants import VARIANTS
+from ...stats import measure_tree
 from ...support.host_threads import usable_cores
-from ..bench import PHASE, Bench
+from ..bench import DEVICE_TREES, PHASE, Bench
 from ..experiment import Experiment, curve, published
 from ..ladder_work import count_ladder_work
 from ..machine import EVENTS, count_build, find_counter_problem
@@ -84,6 +85,42 @@ class Ladder(Experiment):
             caption = f"Build times of the variants on {mesh}, on a logarithmic scale."
             points = [("clbvh", name, build_ms) for name, build_ms, *_ in rows]
             yield Figure(caption, points, Axis("build, ms", is_log=True))
+
+
+class Trees(Experiment):
+    """Trees of the host and of the device.
+
+    What does a tree cost that is built on the device, along a curve, and how long do rays take through it?
+
+    Wall time of the build; from and to the host's memory on the device. SAH cost and EPO (end-point overlap) of the
+    tree; kernel: event time of one picture with lambert shading, in the layout bvh2.
+    """
+
+    def cases(self, scale: Scale) -> list[Case]:
+        return cross(mesh=map(scale.mesh, ("bunny", "dragon")), builder=("flat", _DEFAULT, *DEVICE_TREES))
+
+    def measure(self, bench: Bench, case: Case) -> Sample:
+        bvh, values = bench.build(case["mesh"], case["builder"])
+        measured = bench.once(("measured", *case.values()), lambda: measure_tree(bvh))
+        frame = bench.draw(case["mesh"], bvh, _PICTURE, layout="bvh2")
+        values |= {"sah_cost": measured.sah_cost, "epo": measured.epo, "kernel_ms": frame.times_ms["kernel"]}
+        return Sample(values, {"picture": frame.digest})
+
+    def present(self, results: Results) -> Iterator[Part]:
+        columns = ("builder", "build, ms", "SAH cost", "EPO", "kernel, ms", "same picture")
+        for mesh in results.distinct("mesh"):
+            cases = results.by("builder", mesh=mesh)
+            rows = [
+                (
+                    name,
+                    results.summary(case, "build_ms"),
+                    *(results.summary(case, quantity).median for quantity in ("sah_cost", "epo")),
+                    results.summary(case, "kernel_ms"),
+                    results.agree(cases.values(), case, "picture"),
+                )
+                for name, case in cases.items()
+            ]
+            yield Table(self.say(results, "table", mesh, _PICTURE), columns, rows)
 
 
 class Scaling(Experiment):

@@ -67,7 +67,7 @@ def test_each_phase_is_timed_and_no_thread_is_left(mesh, pool):
     build(mesh, workers=3, task_threshold=100)  # the compiled code is loaded
     before = threading.active_count()
     for recipe, phases in (
-        ({"quality": "fast"}, "upload sort merge place download"),
+        ({"quality": "fast"}, "open upload sort merge place download"),
         ({"quality": "high"}, "metadata top subtrees compact finer bins expand_leaves reinsert collapse"),
         ({"builder": "range"}, "share top subtrees convert"),
         ({"builder": "flatten"}, "share metadata top subtrees flatten"),

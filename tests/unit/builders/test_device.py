@@ -10,7 +10,7 @@ import pytest
 from clbvh import BuildOptions, ConfigError, DeviceError, Mesh, Spheres, build, make_shape, sah_cost, validate_tree
 from clbvh.builders.build import build_shape, suit_options
 from clbvh.builders.device import build_device
-from clbvh.builders.device.build_device import TreeForm, build_tree_on
+from clbvh.builders.device.build_device import TreeForm, build_fast, build_tree_on
 from clbvh.builders.device.passes import CLUSTERS_LEFT, TILE_SIZE, plan_passes
 from clbvh.device.radix_sort import CPU_PLAN, GPU_PLAN, SortPlan, sort_pairs
 from clbvh.geometry.corners import find_corners
@@ -23,7 +23,8 @@ from ...soup import make_soup
 from .shapes import SHAPES, copies, nested
 
 FAST = BuildOptions(quality="fast")
-FORMS = [TreeForm(2, as_rows=True), *map(TreeForm.of_layout, LAYOUT_WIDTHS)]
+RADIX = TreeForm(2, as_rows=True, by_prefix=True)
+FORMS = [TreeForm(2, as_rows=True), RADIX, *map(TreeForm.of_layout, LAYOUT_WIDTHS)]
 
 
 @pytest.fixture
@@ -147,6 +148,24 @@ def leaves_of(merges):
     return found
 
 
+def split_by_definition(pairs, depth=0):
+    """Return the depth of each of the sorted pairs in a radix tree."""
+    if len(pairs) == 1:
+        return [depth]
+    middle = int(np.argmax(pairs >> np.uint64(int(pairs[0] ^ pairs[-1]).bit_length() - 1) & np.uint64(1)))
+    return [*split_by_definition(pairs[:middle], depth + 1), *split_by_definition(pairs[middle:], depth + 1)]
+
+
+def find_leaves(bvh):
+    """Return the primitive and the depth of each leaf, in the order of `prim_ids`."""
+    depths = np.zeros(len(bvh.nodes), int)
+    for node in np.flatnonzero(bvh.nodes["count"] == 0):
+        depths[bvh.nodes["first"][node] + np.arange(2)] = depths[node] + 1
+    is_leaf = bvh.nodes["count"] > 0
+    found = sorted(zip(bvh.nodes["first"][is_leaf], depths[is_leaf], strict=True))
+    return [(bvh.prim_ids[first], depth) for first, depth in found]
+
+
 @pytest.mark.parametrize("keys", [1, 2])
 def test_nearest_neighbours_along_the_curve_are_merged(session, monkeypatch, keys):
     monkeypatch.setattr(build_device, "_MOST_FOR_ONE_KEY", 1 << 24 if keys == 1 else 0)
@@ -155,12 +174,18 @@ def test_nearest_neighbours_along_the_curve_are_merged(session, monkeypatch, key
         order = np.argsort(find_codes(boxes, 10 * keys), kind="stable")
         expected = [(order[place], depth) for place, depth in leaves_of(merge_by_definition(boxes[order]))]
         bvh = build(shape, quality="fast", leaf_size=1)
-        depths = np.zeros(len(bvh.nodes), int)
-        for node in np.flatnonzero(bvh.nodes["count"] == 0):
-            depths[bvh.nodes["first"][node] + np.arange(2)] = depths[node] + 1
-        is_leaf = bvh.nodes["count"] > 0
-        found = sorted(zip(bvh.nodes["first"][is_leaf], depths[is_leaf], strict=True))
-        assert [(bvh.prim_ids[first], depth) for first, depth in found] == expected
+        assert find_leaves(bvh) == expected
+
+
+def test_a_radix_tree_splits_where_keys_first_differ(session):
+    for shape in (make_soup(TILE_SIZE, 1, size=20), make_soup(300, 2, grid=5, copies=0.3), copies(100)):
+        codes = find_codes(box_corners(shape), 10)
+        order = np.argsort(codes, kind="stable")
+        expected = list(
+            zip(order, split_by_definition(codes[order] << np.uint64(32) | order.view(np.uint64)), strict=True)
+        )
+        bvh = build_fast(shape, BuildOptions(quality="fast", leaf_size=1), session.info, RADIX)
+        assert find_leaves(bvh) == expected
 
 
 def test_each_tile_leaves_as_many_clusters_as_the_plan_says():
@@ -203,8 +228,11 @@ def test_a_device_is_for_fast_trees_alone_and_where_there_is_none_the_host_is_na
     mesh = Mesh.from_arrays(np.eye(3), [[0, 1, 2]])
     with pytest.raises(ConfigError, match="only trees of quality 'fast' are built on a device: leave 'cpu' out"):
         build(mesh, device="cpu")
-    with pytest.raises(DeviceError, match="quality='default' builds without a device"):
-        build(mesh, quality="fast", device="no such device")
+    with pytest.raises(DeviceError, match=r"no device matches 'none like this': the devices? [^;]*$"):
+        build(mesh, quality="fast", device="none like this")
+    monkeypatch.setenv("CLBVH_DEVICE", "none like this")
+    with pytest.raises(DeviceError, match="the quality 'default' is built without a device"):
+        build(mesh, quality="fast")
 
 
 def test_a_device_without_room_for_the_build_says_how_much_it_lacks(session):

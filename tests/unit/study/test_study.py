@@ -56,7 +56,7 @@ def test_cases_differ_and_have_the_keys_of_their_group():
             cases = experiment.cases(scale)
             assert len({str(sorted(case.items())) for case in cases}) == len(cases) > 0
             assert all(set(experiment.group) <= case.keys() for case in cases), name
-    with pytest.raises(ConfigError, match="there is no experiment 'ladders': take one of ladder, scaling"):
+    with pytest.raises(ConfigError, match="there is no experiment 'ladders': take one of ladder, trees, scaling"):
         find_experiments(["ladders"])
 
 
