@@ -71,6 +71,14 @@ class DeviceInfo:
         return self.is_simulator or "emulation" in self.name.lower()
 
     @property
+    def cuts_loops(self) -> bool:
+        """Whether kernels with long loops end before their time, without an error.
+
+        Mesa's llvmpipe ends the loops of eight work-items after 65,535 steps in all (Mesa 22.3.6).
+        """
+        return self.name.startswith("llvmpipe")
+
+    @property
     def layout(self) -> str:
         """The tree layout that suits this kind of device; a session uses the measured one, if there is one."""
         # A CPU's vector unit works within a work-item, a GPU's across work-items.

@@ -176,13 +176,11 @@ def build_tree_on(
     Raises
     ------
     DeviceError
-        The device has not enough memory: 180 bytes for each primitive besides the tree, or 80 for `bvh2`. Or it is
-        llvmpipe.
+        The device has not enough memory: 180 bytes for each primitive besides the tree, or 80 for `bvh2`. Or it cuts
+        long loops short.
     """
-    # It ends the loops of a work-item after 65,535 steps in all, without an error; lanes without a work-item go on to
-    # take steps, too (Mesa 22.3.6).
-    if session.info.name.startswith("llvmpipe") and (form.width > 2 or prims.shape.prim_count > TILE_SIZE):
-        raise DeviceError("llvmpipe cuts long loops short and builds wrong trees: take another device for them")
+    if session.info.cuts_loops and (form.width > 2 or prims.shape.prim_count > TILE_SIZE):
+        raise DeviceError(f"{session.info.name} cuts long loops short and builds wrong trees: take another device")
     lap("upload")
     build = _Build(session, prims, options, form)
     lap("sort")

@@ -108,7 +108,7 @@ class Changes:
         trees = before.with_room(session, geometry_id, before.trees[geometry_id], self._retired)
         box = refit.write(before, trees, geometry_id, shape, session)
         growth = refit.sah_cost / refit.built_cost
-        if growth > REBUILD_GROWTH:
+        if growth > REBUILD_GROWTH and not before.session.info.cuts_loops:
             del trees  # the device need not have room for it and for the next one
             growth = 1.0
             session.finish()
