@@ -3,6 +3,8 @@
 All coordinates fit float32, so that the oracle judges the very rays that the device cast.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from clbvh import Mesh
@@ -70,3 +72,11 @@ def hard_rays(mesh, count, generator):
     """A third of each kind."""
     kinds = [make(mesh, count // 3, generator) for make in (random_rays, axis_rays, feature_rays)]
     return tuple(np.concatenate(parts) for parts in zip(*kinds, strict=True))
+
+
+def order_by_keys(count, make_keys, parts=2):
+    """Return the order of items by their keys, made in so many parts, as `Call.order_by_keys` does."""
+    keys, ends = np.empty(count, np.int32), np.linspace(0, count, parts + 1).astype(int)
+    for begin, end in pairwise(ends):
+        make_keys(begin, end, keys[begin:end])
+    return np.argsort(keys, kind="stable").astype(np.int32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,7 +41,14 @@ CPU_PLAN = SortPlan(digit_bits=10, group_size=1, item_pairs=1 << 16)
 GPU_PLAN = SortPlan(digit_bits=4, group_size=128, item_pairs=16)
 
 
-def sort_pairs(session: DeviceSession, pairs: Any, count: int, key_bits: int, plan: SortPlan | None = None) -> Any:
+def sort_pairs(
+    session: DeviceSession,
+    pairs: Any,
+    count: int,
+    key_bits: int,
+    plan: SortPlan | None = None,
+    take: Callable[[str, int], Any] | None = None,
+) -> Any:
     """Sort pairs by their keys, equal ones in their own order.
 
     Parameters
@@ -53,6 +61,8 @@ def sort_pairs(session: DeviceSession, pairs: Any, count: int, key_bits: int, pl
         The keys are below 2^key_bits; 32 at most.
     plan : SortPlan, optional
         By default the one that suits the device.
+    take : function, optional
+        Returns a buffer for a name and a size in bytes; by default a new one.
 
     Returns
     -------
@@ -72,8 +82,8 @@ def sort_pairs(session: DeviceSession, pairs: Any, count: int, key_bits: int, pl
     chunk_size = plan.group_size * item_pairs
     chunk_count = -(-count // chunk_size)
     count_count = chunk_count << plan.digit_bits
-    counts = session.allocate(4 * count_count)
-    other = session.allocate(PAIR_BYTES * count)
+    take = take or (lambda name, size: session.allocate(size))
+    counts, other = take("counts", 4 * count_count), take("sorted", PAIR_BYTES * count)
     group = (plan.group_size,)
     for shift in range(_KEY_SHIFT, _KEY_SHIFT + key_bits, plan.digit_bits):
         shared = {

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ..device.context import Kernel
 from ..device.program import build_kernel
+from ..device.radix_sort import sort_pairs
 from ..device.session import DeviceSession
 from ..errors import DeviceMemoryError
 from ..support.context_manager import ContextManager
@@ -53,6 +54,9 @@ class Query(NamedTuple):
 
 # A batch that does not fit the device is cut into halves again and again, down to 1,024 of `CHUNK_RAYS`.
 MOST_HALVINGS = 10
+
+# Of the numbers by which rays and points are ordered.
+_KEY_BITS = 25
 
 _MS_PER_S = 1e3
 
@@ -214,6 +218,33 @@ class Call(MemoryLoan):
 
             self.threads.for_ranges(count, fill_part, least_items=_LEAST_FILLED)
         return buffer
+
+    def order_by_keys(
+        self, count: int, make_keys: Callable[[int, int, NDArray[np.int32]], object]
+    ) -> NDArray[np.int32]:
+        """Return (count,) int32: the indices of items in the order of their keys, equal ones in their own order.
+
+        Parameters
+        ----------
+        count : int
+        make_keys : function
+            ``make_keys(begin, end, keys)`` writes the keys of items begin to end - 1, from 0 to 2^24; called from
+            several threads.
+        """
+
+        def make_pairs(begin: int, end: int, pairs: NDArray[np.uint64]) -> None:
+            keys = np.empty(end - begin, np.int32)
+            make_keys(begin, end, keys)
+            pairs[:] = keys
+            pairs <<= np.uint64(32)
+            pairs |= np.arange(begin, end, dtype=np.uint64)
+
+        buffer, dtype = self.fill("pairs", np.dtype(np.uint64), count, make_pairs), np.dtype(np.uint64)
+        if not self.session.info.cuts_loops:
+            buffer = sort_pairs(self.session, buffer, count, _KEY_BITS, take=self.take)
+        with self.session.mapped(buffer, count, dtype, write=False) as pairs:
+            # Where the device cannot sort, the host does.
+            return (np.sort(pairs) if self.session.info.cuts_loops else pairs).astype(np.int32)
 
     @contextmanager
     def cast(

@@ -35,7 +35,7 @@ def cut_batch(
     world = call.world
     is_small = world.memory_bytes <= MOST_SAMPLED_BYTES
     return cut_rays(
-        batch, world.box, call.threads, shape=shape, tile_rows=call.session.settings.tile[1],
+        batch, world.box, call.order_by_keys, shape=shape, tile_rows=call.session.settings.tile[1],
         finds_pictures=world.has_entry_points, chunk_limit=call.fit(PACKED_RAY, CHUNK_RAYS), most_rays=most_rays,
         count_steps=partial(_count_steps, world) if is_small else None, progress=progress,
     )  # fmt: skip

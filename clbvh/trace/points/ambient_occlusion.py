@@ -76,7 +76,7 @@ def find_open_shares(
         most_points = max(_LEAST_POINTS, _LAUNCH_RAYS // rays)
         for begin, end in cut_points_of(call, HEMISPHERE, count, progress, most_points=most_points):
             rows = hemispheres.take(begin, end, call.world.box)
-            order = find_point_order(rows.points, call.world.box, call.threads)
+            order = find_point_order(rows.points, call.world.box, call.order_by_keys)
             batch = pack_hemispheres(call, rows, order, begin)
             open_counts = np.zeros(end - begin, np.int64)
             step = max(1, _LAUNCH_RAYS // (end - begin))

@@ -18,10 +18,9 @@ from ...structs import (
     PACKED_POINT_SPARE,
 )
 from ...support.compiled import compiled
-from ...support.host_threads import HostThreads
-from ...support.key_order import order_by_keys
 from ..launch import Batch, Call
 from ..rays.batch import Broadcast, too_far
+from ..rays.coherence import KeyOrder
 from ..rays.pieces import CHUNK_RAYS, Progress, cut_points
 from ..world.tree_box import TreeBox
 
@@ -147,14 +146,14 @@ _CELLS = 256
 _CUBE_SHARE = 2.0
 
 
-def find_point_order(points: NDArray[Any], box: TreeBox, threads: HostThreads) -> NDArray[np.int32]:
+def find_point_order(points: NDArray[Any], box: TreeBox, order_by_keys: KeyOrder) -> NDArray[np.int32]:
     """Return (n,) int32: the order in which to cast points; they need not be finite.
 
     Parameters
     ----------
     points : (n, 3) float, contiguous
     box : TreeBox
-    threads : HostThreads
+    order_by_keys : function
     """
     if len(points) < LEAST_POINTS:
         return np.arange(len(points), dtype=np.int32)
@@ -164,7 +163,7 @@ def find_point_order(points: NDArray[Any], box: TreeBox, threads: HostThreads) -
     def make_keys(begin: int, end: int, keys: NDArray[np.int32]) -> None:
         _make_keys(points[begin:end], box.centre, half, _CELLS / (2 * half), keys)
 
-    return order_by_keys(len(points), threads, make_keys)
+    return order_by_keys(len(points), make_keys)
 
 
 @compiled

@@ -216,7 +216,7 @@ def cut_pieces(
     box = call.world.box
     for begin, end in cut_points_of(call, PACKED_POINT, seen.point_count, progress, most_points=most_points):
         points, masks = take_points(seen.points, begin, end, box), take_masks(seen.masks, begin, end)
-        yield Piece(begin, end, points, masks, find_point_order(points, box, call.threads))
+        yield Piece(begin, end, points, masks, find_point_order(points, box, call.order_by_keys))
 
 
 def find_in_box(points: NDArray[Any], box: TreeBox, half: ArrayLike) -> NDArray[np.bool_]:

@@ -16,15 +16,13 @@ scan all around, of which no row has an end, is a picture as well.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...support.compiled import compiled
-from ...support.host_threads import HostThreads
-from ...support.key_order import order_by_keys
 from ..world.tree_box import TreeBox
 from .batch import RayBatch, RayRows, row_step
 
@@ -227,12 +225,15 @@ def _are_apart(cells, one, other, first_axis):
     return farthest > 1
 
 
+KeyOrder: TypeAlias = Callable[[int, Callable[[int, int, NDArray[np.int32]], object]], NDArray[np.int32]]
+"""A function that orders items by keys, see `Call.order_by_keys`."""
+
 # Above the 24 bits of the others: these rays come last.
 _LAST_KEY = np.int32(1 << 24)
 
 
 def sort_rays(
-    batch: RayBatch, begin: int, end: int, box: TreeBox, threads: HostThreads, *, is_pencil: bool = False
+    batch: RayBatch, begin: int, end: int, box: TreeBox, order_by_keys: KeyOrder, *, is_pencil: bool = False
 ) -> NDArray[np.int32]:
     """Return the order in which to cast rays `begin` to `end`, counted from `begin`; the rays need not be valid.
 
@@ -246,7 +247,7 @@ def sort_rays(
         for part, flat in flatten_rays(rays, last - first):
             write_keys(flat, grid, keys[part : part + len(flat.t_min)])
 
-    return order_by_keys(end - begin, threads, make_keys)
+    return order_by_keys(end - begin, make_keys)
 
 
 @compiled(error_model="numpy")

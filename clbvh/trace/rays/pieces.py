@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...support.host_threads import HostThreads
 from ..world.tree_box import TreeBox
 from .batch import RayBatch
-from .coherence import find_row_length, is_pencil, is_picture_size, is_scattered, sort_rays, spread_samples
+from .coherence import KeyOrder, find_row_length, is_pencil, is_picture_size, is_scattered, sort_rays, spread_samples
 
 # Rays or points on the device at a time, whatever the size of the batch: 48 MiB of rays and hits, and 4 MiB more where
 # rays are sorted, and 7 MiB where they have entry points. Rays are sorted among this many.
@@ -81,7 +80,7 @@ class RayPiece(NamedTuple):
 def cut_rays(
     batch: RayBatch,
     box: TreeBox,
-    threads: HostThreads,
+    order_by_keys: KeyOrder,
     *,
     tile_rows: int,
     shape: tuple[int, ...] = (),
@@ -97,7 +96,7 @@ def cut_rays(
     ----------
     batch : RayBatch
     box : TreeBox
-    threads : HostThreads
+    order_by_keys : function
     tile_rows : int
         Rows of a work-group of a picture: pieces of a picture are whole rows of tiles.
     shape : tuple of int
@@ -138,7 +137,7 @@ def cut_rays(
             is_coherent = is_pencil(batch, begin, end, box)
             least_steps = _LEAST_PENCIL_STEPS if is_coherent else _LEAST_STEPS
             if count_steps is None or count_steps(batch.take(spread_samples(begin, end, _SAMPLES))) >= least_steps:
-                order = sort_rays(batch, begin, end, box, threads, is_pencil=is_coherent)
+                order = sort_rays(batch, begin, end, box, order_by_keys, is_pencil=is_coherent)
             else:
                 is_coherent = False
         for first in range(begin, end, piece_rays):

@@ -8,11 +8,11 @@ import pytest
 import trimesh
 
 from clbvh import Mesh, OpenMeshWarning, QueryError, Scene, SceneError, Spheres, Tracer
-from clbvh.support.host_threads import HostThreads
 from clbvh.trace.points import pack
 from clbvh.trace.rays import pieces
 from clbvh.trace.world.tree_box import TreeBox
 
+from ...rays import order_by_keys
 from .scene_distances import SceneDistances, points_around
 from .scene_states import affine, make_state, scene_of
 
@@ -160,8 +160,7 @@ def test_an_open_mesh_is_told_once_and_answers_all_the_same(session, query):
 
 
 def order_of(points, half=(1.0, 1.0, 1.0)):
-    with HostThreads() as opened:
-        return pack.find_point_order(points, TreeBox(np.zeros(3), 1.0, np.array(half)), opened)
+    return pack.find_point_order(points, TreeBox(np.zeros(3), 1.0, np.array(half)), order_by_keys)
 
 
 def test_many_points_come_once_each_in_an_order_in_which_neighbours_are_close():

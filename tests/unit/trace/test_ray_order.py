@@ -1,12 +1,13 @@
 """The order in which rays are cast: neighbours are close, pictures go tile by tile, and no answer depends on it."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from clbvh import Tracer, make_shape
 from clbvh.device.session import DeviceSession
 from clbvh.rendering.cameras.framing import frame_mesh
-from clbvh.support.host_threads import HostThreads
 from clbvh.trace import put_rays
 from clbvh.trace.hits import all_hits as all_hits_module
 from clbvh.trace.rays import pieces
@@ -14,7 +15,7 @@ from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.rays.coherence import sort_rays
 from clbvh.trace.world.tree_box import TreeBox
 
-from ...rays import aim, random_rays
+from ...rays import aim, order_by_keys, random_rays
 
 COUNT = 3 * pieces.LEAST_RAYS
 WIDTH, HEIGHT = 150, 97  # no multiples of a tile's
@@ -24,10 +25,9 @@ def cube(scale=1.0):
     return TreeBox(np.zeros(3), scale, np.ones(3))
 
 
-def order_of(origins, directions, t_max=np.inf, *, box=None, threads=None, count_steps=None):
+def order_of(origins, directions, t_max=np.inf, *, box=None, order=order_by_keys, count_steps=None):
     (batch, _), box = read_rays(origins, directions, 0.0, t_max), box or cube()
-    with HostThreads(threads) as opened:
-        (piece,) = pieces.cut_rays(batch, box, opened, tile_rows=8, finds_pictures=False, count_steps=count_steps)
+    (piece,) = pieces.cut_rays(batch, box, order, tile_rows=8, finds_pictures=False, count_steps=count_steps)
     return piece.order
 
 
@@ -48,19 +48,19 @@ def mean_step(places, order=slice(None)):
     return np.linalg.norm(np.diff(places[order], axis=0), axis=1).mean()
 
 
-def test_scattered_rays_are_sorted():
+def test_scattered_rays_are_sorted(tracer):
     origins, directions = rays_in_no_order("scattered")
     order, targets = order_of(origins, directions), origins + directions
     np.testing.assert_array_equal(np.sort(order), np.arange(COUNT))
     # About COUNT ** (1 / 4) = 15 rays lie along each of the four dimensions that rays have.
     assert mean_step(targets, order) < mean_step(targets) / 2
     assert mean_step(origins, order) < mean_step(origins) / 4
-    # The same in any number of threads and as a part of more rays.
-    for threads in (1, 2, 5):
-        assert order_of(origins, directions, threads=threads).tobytes() == order.tobytes()
+    # The same in any parts, by the device, and as a part of more rays.
+    assert order_of(origins, directions, order=partial(order_by_keys, parts=5)).tobytes() == order.tobytes()
+    with tracer._caster.open_call() as call:
+        assert order_of(origins, directions, order=call.order_by_keys).tobytes() == order.tobytes()
     begin, end = 1000, 1000 + 2 * pieces.LEAST_RAYS
-    with HostThreads() as threads:
-        of_part = sort_rays(read_rays(origins, directions, 0.0, np.inf)[0], begin, end, cube(), threads)
+    of_part = sort_rays(read_rays(origins, directions, 0.0, np.inf)[0], begin, end, cube(), order_by_keys)
     assert of_part.tobytes() == order_of(origins[begin:end], directions[begin:end]).tobytes()
 
     # Those that meet nothing come last.
@@ -207,7 +207,8 @@ def test_shuffled_rays_have_entries_if_they_are_of_one_camera(wide, picture, exp
     order = np.random.default_rng(40).permutation(len(picture[0]))
     shuffled = wide.closest_hit(*(part[order] for part in picture))
     assert shuffled.t.tobytes() == np.frombuffer(expected[0])[order].tobytes()
-    assert [name for name, _, _ in launches] == ["tile_entry_points", "closest_hit"]
+    # Behind those that sort.
+    assert [name for name, _, _ in launches][-3:] == ["scatter_pairs", "tile_entry_points", "closest_hit"]
     launches.clear()
     ask(wide, random_rays(wide.mesh, 5000, np.random.default_rng(42)))
     assert "tile_entry_points" not in {name for name, _, _ in launches}
