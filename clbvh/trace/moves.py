@@ -62,8 +62,8 @@ class Moves(ContextManager):
         to the device, and nothing else does.
 
         A tree that is updated is on the device twice, and once more for each older mesh that queries of other threads
-        still use, and about 30 bytes per triangle to refit by. The tree that the tracer was made of does
-        not change.
+        still use; about 30 bytes per triangle are needed to refit it. The tree that the tracer was made of does not
+        change.
 
         Examples
         --------
