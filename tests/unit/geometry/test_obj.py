@@ -170,11 +170,14 @@ def test_what_cannot_be_used_is_one_warning(load):
     many = "mtllib a.mtl\nvn 0 0 x\n" + "".join(f"usemtl {i}\nf 1//1 2//1 3//1\n" for i in range(6))
     for text, mtl, message in (
         ("mtllib lost.mtl\nusemtl a\n", "", "the materials .*lost.mtl is missing"),
+        ("mtllib /dev/zero\nusemtl a\n", "", "cannot be read: this is a device"),
         ("mtllib a.mtl\nusemtl b\nf 1 2 3\nusemtl a\n", "newmtl a\nKd 0 0 0\n", "materials 'b' are missing"),
+        (use, "newmtl a\nKd 1 2\nKe x\n", "material 'a' cannot be used"),
         (use, "newmtl a\nmap_Kd lost.png\nmap_Ke lost.png\n", "texture .*lost.png is missing"),
         (use, "newmtl a\nmap_Bump -bm 0.3 x.png\nnewmtl b\nbump x.png\n", r"heights of map_Bump in .*a\.mtl are not"),
         ("vt 0 0\nvt 1 1\nvt nan 0\nf 1/1 2/2 3/3\n", "", "texture coordinates .*cannot be used"),
         ("vn 0 0 1\nf 1//1 2//1 3//2\n", "", "normals cannot be used: a corner refers to one that is not among the 1"),
+        ("vn 0 0 1\nf 1//1 2//1 3//-2\n", "", "normals cannot be used: a corner refers to one that is not among the 1"),
         ("f 1/1/1/1 2 3\n", "", "a corner has words that are no indices"),
         (many, "".join(f"newmtl {i}\nKd x\n" for i in range(6)), r"normals .*; the material '0' .*; and 4 more$"),
     ):
