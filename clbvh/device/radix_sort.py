@@ -76,9 +76,11 @@ def sort_pairs(
     """
     plan = plan or (CPU_PLAN if session.info.kind == "cpu" else GPU_PLAN)
     kernels = build_kernels(session, "radix_sort", {"DIGIT_BITS": plan.digit_bits, "GROUP_SIZE": plan.group_size})
-    # As many chunks as a CPU's cores can share evenly.
-    largest = max(1, -(-count // (4 * session.info.compute_units))) if plan.group_size == 1 else plan.item_pairs
-    item_pairs = min(plan.item_pairs, largest)
+    item_pairs = plan.item_pairs
+    if plan.group_size == 1:
+        # As many chunks as a CPU's cores can share evenly, none of which has fewer pairs than digits.
+        even = -(-count // (4 * session.info.compute_units))
+        item_pairs = min(item_pairs, max(even, 1 << plan.digit_bits))
     chunk_size = plan.group_size * item_pairs
     chunk_count = -(-count // chunk_size)
     count_count = chunk_count << plan.digit_bits

@@ -48,7 +48,7 @@ def test_bvh2_spills_no_register_and_keeps_nothing_but_stacks_in_memory(program)
 
 
 # Private memory of kernels that build trees: of those that walk below a node, a stack and the node's children.
-WALKS = {"place_first", "place_tiles", "mark_tiles", "count_tiles"}
+WALKS = {"place_first", "place_tiles", "visit_tiles"}
 STACK = 4 * MAX_DEPTH + ELSE
 
 
