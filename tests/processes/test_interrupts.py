@@ -11,8 +11,8 @@ from ..profiles import is_long, seeds
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="interrupts by the timer of Unix")
 
 # Interrupts of a short run, and the most buffers that are held: a query's; the mesh and what its next update and points
-# need; the scene, and nodes and blocks for its next shape.
-KINDS = {"queries": (60, 4), "vertices": (200, 5), "scene": (200, 4 + 2)}
+# need; the scene, and nodes and blocks for its next shape. A tree is refitted by six buffers.
+KINDS = {"queries": (60, 4), "vertices": (200, 5 + 6), "scene": (200, 4 + 2 + 6)}
 
 
 @pytest.mark.parametrize("kind", KINDS)
