@@ -75,7 +75,7 @@ def hard_rays(mesh, count, generator):
 
 
 def order_by_keys(count, make_keys, parts=2):
-    """Return the order of items by their keys, made in so many parts, as `Call.order_by_keys` does."""
+    """Return the order of items by keys that are made in several parts, as `Call.order_by_keys` does."""
     keys, ends = np.empty(count, np.int32), np.linspace(0, count, parts + 1).astype(int)
     for begin, end in pairwise(ends):
         make_keys(begin, end, keys[begin:end])

@@ -22,8 +22,8 @@ from .trees import DeviceTrees
 
 _WORK_GROUP = (64,)
 
-# The upper levels of so many nodes together are written by one work-item: a node takes a CPU 0.1 us and a GPU some
-# microseconds, and to start a kernel takes tens of them.
+# Upper levels with up to this many nodes in all are written by one work-item: a node takes a CPU 0.1 us and a GPU some
+# microseconds, a launch tens of them.
 _SERIAL_NODES = {"cpu": 512, "gpu": 8}
 
 

@@ -89,7 +89,7 @@ def test_pairs_are_sorted_by_their_keys_and_equal_ones_stay_in_order(session, pl
 
 
 def find_codes(boxes, bits):
-    """Return the Morton codes of the centroids of boxes, from -1 to 1, with so many bits along each axis."""
+    """Return the Morton codes of the centroids of boxes, from -1 to 1; bits are those of each axis."""
     cells = np.clip((boxes.sum(axis=1).astype(np.float64) + 2) * 2.0 ** (bits - 2), 0, 2**bits - 1).astype(np.uint64)
     codes = np.zeros(len(boxes), np.uint64)
     for bit in range(bits):
