@@ -199,7 +199,7 @@ def test_build_of_spheres_against_triangles():
     triangles = clbvh.Mesh.from_arrays(corners, np.arange(3 * SPHERES).reshape(-1, 3))
     compare(
         f"build over {SPHERES:,} spheres, as many triangles",
-        lambda: measure_ms(lambda: build_shape(spheres)),
+        lambda: measure_ms(lambda: build_shape(spheres, "default")),
         lambda: measure_ms(lambda: clbvh.build(triangles)),
     )
 

@@ -52,11 +52,12 @@ class DevicePrims:
 
     def put(self, session: DeviceSession, shape: Bounded) -> None:
         """Put a shape into the buffers; the corners of a mesh, its faces, are there already after the first."""
-        # A buffer that a shape has on the device is used as it is.
-        stored = shape if isinstance(shape, DeviceMesh) else None
-        points = stored and stored.buffer_on(session, "local_vertices")
+        points = None
         ids: Any = getattr(self, "corners", None) if isinstance(shape, Mesh) else None
-        ids = ids or (stored and stored.buffer_on(session, "faces"))
+        if isinstance(shape, DeviceMesh):
+            # Its buffers on this device are used as they are.
+            points = shape.buffer_on(session, "local_vertices")
+            ids = ids or shape.buffer_on(session, "faces")
         if points is None or ids is None:
             corners = find_corners(shape)
             points = points or self._write(session, "points", corners.points)

@@ -239,12 +239,13 @@ class Call(MemoryLoan):
             pairs <<= np.uint64(32)
             pairs |= np.arange(begin, end, dtype=np.uint64)
 
-        buffer, dtype = self.fill("pairs", np.dtype(np.uint64), count, make_pairs), np.dtype(np.uint64)
-        if not self.session.info.cuts_loops:
+        dtype = np.dtype(np.uint64)
+        buffer = self.fill("pairs", dtype, count, make_pairs)
+        is_sorted_there = not self.session.info.cuts_loops
+        if is_sorted_there:
             buffer = sort_pairs(self.session, buffer, count, _KEY_BITS, take=self.take)
         with self.session.mapped(buffer, count, dtype, write=False) as pairs:
-            # Where the device cannot sort, the host does.
-            return (np.sort(pairs) if self.session.info.cuts_loops else pairs).astype(np.int32)
+            return (pairs if is_sorted_there else np.sort(pairs)).astype(np.int32)
 
     @contextmanager
     def cast(
