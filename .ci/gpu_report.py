@@ -169,7 +169,7 @@ def list_programs(layouts: Sequence[str] = tuple(LAYOUT_WIDTHS)) -> Iterator[Pro
         for layout in layouts:
             if kernel.endswith("entry_points") and layout not in ENTRY_POINT_LAYOUTS:
                 continue
-            stack_size = pad_stack(layout, 0, 0)
+            stack_size = pad_stack(layout, 0)
             for is_lone in (True, False):
                 defines = make_defines(layout, stack_size, is_lone=is_lone, has_spheres=False)
                 yield from _list_variants(kernel, layout, not is_lone, defines)

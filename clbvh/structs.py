@@ -75,6 +75,12 @@ WIDE_NODES = {
 # triangles. Lanes without a triangle and lanes of degenerate triangles are NaN, which no ray hits.
 TRIANGLE_BLOCKS = {width: np.dtype([("corners", "f4", (3, 3, width)), ("prim_id", "i4", width)]) for width in (4, 8)}
 
+# Blocks of the `bvh8c` layout have any number of these units; see `layouts/shared_blocks.py`.
+SHARED_UNIT = np.dtype([("words", "u4", 4)])
+SHARED_HEADER = 4  # words before the vertices of a block
+SHARED_VERTEX_BITS = 4
+MOST_SHARED_VERTICES = 1 << SHARED_VERTEX_BITS
+
 # A triangle of the `bvh2` layout, in leaf order. A degenerate triangle is stored with three equal corners: its
 # determinant is exactly zero, so that rounding cannot make a ray hit it.
 TRIANGLE = np.dtype([("a", "f4", 3), ("b", "f4", 3), ("c", "f4", 3), ("prim_id", "i4")])
@@ -446,6 +452,7 @@ DEVICE_STRUCTS = {
     "bvh8_node_t": WIDE_NODES[8],
     "block4_t": TRIANGLE_BLOCKS[4],
     "block8_t": TRIANGLE_BLOCKS[8],
+    "shared_unit_t": SHARED_UNIT,
     "sphere_t": SPHERE,
     "sphere4_t": SPHERE_BLOCKS[4],
     "sphere8_t": SPHERE_BLOCKS[8],
@@ -483,13 +490,19 @@ CUTS = {"plane": 1, "box": 2}
 PROJECTIONS = {"perspective": 0, "distorted": 1, "orthographic": 2, "fisheye": 3, "panorama": 4}
 
 # Layouts of a tree in the device's memory; `brute` is a list of triangles without a tree.
-LAYOUTS = {"bvh2": 0, "brute": 1, "bvh4": 2, "bvh8": 3}
+LAYOUTS = {"bvh2": 0, "brute": 1, "bvh4": 2, "bvh8": 3, "bvh8c": 4}
 
 # Most children of a node; in the wide layouts also the triangles of a block.
-LAYOUT_WIDTHS = {"bvh2": 2, "bvh4": 4, "bvh8": 8}
+LAYOUT_WIDTHS = {"bvh2": 2, "bvh4": 4, "bvh8": 8, "bvh8c": 8}
+
+# A layout whose trees take half the memory, see `layouts/shared_blocks.py`.
+COMPACT_LAYOUT = "bvh8c"
 
 # Layouts that search an entry point for each tile, see cl/traversal/entry_point.cl. Two children are too few.
-ENTRY_POINT_LAYOUTS = ("bvh4", "bvh8")
+ENTRY_POINT_LAYOUTS = ("bvh4", "bvh8", "bvh8c")
+
+# Layouts whose blocks are lanes of corners, which the host traverses as well, see `trace/host/`.
+LANE_LAYOUTS = ("bvh4", "bvh8")
 
 # The primitives of a geometry.
 PRIM_KINDS = {"triangles": 0, "spheres": 1}
@@ -500,6 +513,8 @@ CELL_PIXELS = 9
 DEVICE_CONSTANTS = {
     "CELL_PIXELS": CELL_PIXELS,
     "NO_PRIM": NO_PRIM,
+    "SHARED_HEADER": SHARED_HEADER,
+    "SHARED_VERTEX_BITS": SHARED_VERTEX_BITS,
     "FAR_RADII": FAR_RADII,
     "MAX_TILE_LEAVES": MAX_TILE_LEAVES,
     **{"KIND_" + name.upper(): number for name, number in PRIM_KINDS.items()},

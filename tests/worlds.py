@@ -1,9 +1,29 @@
-"""Worlds on a device, of one mesh whose tree and layout are given."""
+"""Worlds on a device, of one mesh whose tree and layout are given; and the arrays of layouts."""
 
 from contextlib import contextmanager
+from typing import NamedTuple
+
+import numpy as np
 
 from clbvh import Scene
+from clbvh.layouts.device_arrays import make_device_arrays
+from clbvh.support.host_threads import HostThreads
 from clbvh.trace.world.world import open_world
+
+
+class Arrays(NamedTuple):
+    nodes: np.ndarray
+    blocks: np.ndarray
+    stack_size: int
+
+
+def arrays_of(bvh, layout):
+    """The arrays that the host makes."""
+    made = make_device_arrays(bvh, layout)
+    blocks = np.full(made.byte_count - made.nodes.nbytes, 0xAA, np.uint8).view(made.blocks.struct)
+    with HostThreads() as threads:
+        made.blocks.write(blocks, threads)
+    return Arrays(made.nodes, blocks, made.stack_size)
 
 
 def open_mesh(session, mesh, bvh=None, layout="auto"):

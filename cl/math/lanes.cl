@@ -19,6 +19,14 @@ INLINED lanes_t load_lanes(const global float *from)
     return *(const global lanes_t *)from;
 }
 
+// Assumes no more than the alignment of a float.
+typedef lanes_t packed_lanes_t __attribute__((aligned(4)));
+
+INLINED lanes_t load_packed_lanes(const global float *from)
+{
+    return *(const global packed_lanes_t *)from;
+}
+
 // If one operand is NaN, the result is b, as in `smaller` and `larger`.
 INLINED lanes_t smaller_lanes(const lanes_t a, const lanes_t b)
 {
@@ -83,4 +91,14 @@ INLINED int lowest_bit(const uint bits)
 #else
     return 31 - clz(bits & -bits);
 #endif
+}
+
+// The primitives of a block, of which those that are missing come last.
+INLINED int count_prims(const global int *prim_ids)
+{
+    int count = 0;
+    for (int lane = 0; lane < WIDTH; lane++) {
+        count += prim_ids[lane] != NO_PRIM;
+    }
+    return count;
 }

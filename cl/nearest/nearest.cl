@@ -19,7 +19,7 @@
 #include "nearest/bvh2.cl"
 #elif LAYOUT == LAYOUT_BRUTE
 #include "nearest/brute.cl"
-#elif LAYOUT == LAYOUT_BVH4 || LAYOUT == LAYOUT_BVH8
+#elif HAS_ENTRY_POINTS
 #include "nearest/wide.cl"
 #else
 #error "LAYOUT must be one of the LAYOUT_ constants"

@@ -1,5 +1,5 @@
-// The primitive nearest to a point in the `bvh4` and `bvh8` layouts: depth first, nearest child first. A popped child
-// is compared again, because the nearest distance may have become smaller.
+// The primitive nearest to a point in the layouts `bvh4`, `bvh8` and `bvh8c`: depth first, nearest child first. A
+// popped child is compared again, because the nearest distance may have become smaller.
 //
 // Assumes STACK_SIZE >= the most children on the stack at once, at least 1.
 
@@ -10,7 +10,7 @@
 #include "nearest/sphere.cl"
 #endif
 
-// Three rows of a node or a block.
+// Three rows of a node or of a block of spheres.
 INLINED point_t load_points(const global float rows[3][WIDTH])
 {
     const point_t points = {load_lanes(rows[0]), load_lanes(rows[1]), load_lanes(rows[2])};
@@ -30,41 +30,55 @@ INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *
 }
 
 // One corner of each triangle in the coordinates whose zero is the point.
-INLINED point_t place_corners(const nearest_t *nearest, const global block_t *block, const int corner)
+INLINED point_t place_corners(const nearest_t *nearest, const leaf_t leaf, const int corner)
 {
-    const point_t corners = load_points(block->corners[corner]);
-    return place_point(&nearest->metric, corners.x, corners.y, corners.z);
+    return place_point(
+        &nearest->metric, load_row(leaf, corner, 0), load_row(leaf, corner, 1), load_row(leaf, corner, 2));
 }
 
-// Takes the squared distances of a block into account. NaN is never near.
-INLINED void add_distances(nearest_t *nearest, const lanes_t distance_squared, const global int *prim_id)
+typedef union {
+    lanes_t lanes;
+    float of_lane[WIDTH];
+} distances_t;
+
+// Degenerate triangles are NaN, which is never near.
+INLINED void test_triangles(nearest_t *nearest, const leaf_t leaf)
 {
-    union {
-        lanes_t lanes;
-        float of_lane[WIDTH];
-    } squared = {distance_squared};
-    for (uint near = mask_bits(squared.lanes <= nearest->distance_squared); near != 0; near &= near - 1) {
+    const distances_t squared = {distance_squared_to_triangle(
+        place_corners(nearest, leaf, 0), place_corners(nearest, leaf, 1), place_corners(nearest, leaf, 2))};
+    uint near = mask_bits(squared.lanes <= nearest->distance_squared) & lanes_in(leaf);
+    for (; near != 0; near &= near - 1) {
         const int lane = lowest_bit(near);
-        add_distance(nearest, squared.of_lane[lane], prim_id[lane]);
+        add_distance(nearest, squared.of_lane[lane], prim_id_of(leaf, lane));
     }
 }
 
-// Lanes without a primitive and lanes of degenerate triangles are NaN.
-INLINED void test_block(nearest_t *nearest, const global block_t *blocks, const int block_index)
+#if HAS_SPHERES
+
+// Lanes without a sphere are NaN.
+INLINED void test_spheres(nearest_t *nearest, const global sphere_block_t *spheres)
+{
+    const distances_t squared = {
+        distance_squared_to_sphere(nearest, load_points(spheres->centre), load_lanes(spheres->radius))};
+    for (uint near = mask_bits(squared.lanes <= nearest->distance_squared); near != 0; near &= near - 1) {
+        const int lane = lowest_bit(near);
+        add_distance(nearest, squared.of_lane[lane], spheres->prim_id[lane]);
+    }
+}
+
+#endif
+
+INLINED void test_leaf(nearest_t *nearest, const global block_t *blocks, const int leaf)
 {
 #if HAS_SPHERES
     if (nearest->kind != KIND_TRIANGLES) {
-        const global sphere_block_t *spheres = (const global sphere_block_t *)blocks + block_index;
-        const point_t centres = load_points(spheres->centre);
-        add_distances(
-            nearest, distance_squared_to_sphere(nearest, centres, load_lanes(spheres->radius)), spheres->prim_id);
+        test_spheres(nearest, (const global sphere_block_t *)blocks + leaf);
         return;
     }
 #endif
-    const global block_t *block = blocks + block_index;
-    const lanes_t squared = distance_squared_to_triangle(
-        place_corners(nearest, block, 0), place_corners(nearest, block, 1), place_corners(nearest, block, 2));
-    add_distances(nearest, squared, block->prim_id);
+    for (int block = leaf; block != NO_BLOCK; block = next_block(leaf_at(blocks, block), block)) {
+        test_triangles(nearest, leaf_at(blocks, block));
+    }
 }
 
 INLINED void find_nearest(
@@ -86,7 +100,7 @@ INLINED void find_nearest(
                 continue;
             }
         } else {
-            test_block(nearest, blocks, ~next);
+            test_leaf(nearest, blocks, ~next);
         }
         ulong popped;
         do {

@@ -26,17 +26,22 @@ typedef block4_t block_t;
 #define WIDTH 8
 typedef bvh8_node_t node_t;
 typedef block8_t block_t;
+#elif LAYOUT == LAYOUT_BVH8C
+#define WIDTH 8
+#define HAS_SHARED_VERTICES 1
+typedef bvh8_node_t node_t;
+typedef shared_unit_t block_t;
 #endif
 
 // Whether rays may begin at an entry point, see traversal/entry_point.cl; two children are too few for one.
-#define HAS_ENTRY_POINTS (LAYOUT == LAYOUT_BVH4 || LAYOUT == LAYOUT_BVH8)
+#define HAS_ENTRY_POINTS (LAYOUT == LAYOUT_BVH4 || LAYOUT == LAYOUT_BVH8 || LAYOUT == LAYOUT_BVH8C)
 
 // keep: the traversal of one layout
 #if LAYOUT == LAYOUT_BVH2
 #include "traversal/bvh2.cl"
 #elif LAYOUT == LAYOUT_BRUTE
 #include "traversal/brute.cl"
-#elif LAYOUT == LAYOUT_BVH4 || LAYOUT == LAYOUT_BVH8
+#elif HAS_ENTRY_POINTS
 #include "traversal/wide.cl"
 #else
 #error "LAYOUT must be one of the LAYOUT_ constants"

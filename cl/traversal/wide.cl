@@ -1,4 +1,4 @@
-// Depth-first traversal of the `bvh4` and `bvh8` layouts: nodes that hold the boxes of all children, in lanes.
+// Depth-first traversal of the layouts `bvh4`, `bvh8` and `bvh8c`: nodes that hold the boxes of all children, in lanes.
 //
 // Assumes STACK_SIZE >= the most children on the stack at once, at least 1; the host compiles it in for the tree at
 // hand. A stack entry keeps t_near of the child's box: a popped child beyond the nearest hit is skipped without a test.
@@ -9,30 +9,23 @@
 #include "spheres/block.cl"
 #endif
 
-INLINED int count_prims(const global int *prim_ids)
-{
-    int count = 0;
-    for (int lane = 0; lane < WIDTH; lane++) {
-        count += prim_ids[lane] != NO_PRIM;
-    }
-    return count;
-}
-
 // The test of a leaf's primitives. HAS_SPHERES: see hits/search.cl.
 INLINED void intersect_leaf(
-    const global block_t *blocks, const int block, const ray_t *ray, const axis_permutation_t *permutation,
+    const global block_t *blocks, const int leaf, const ray_t *ray, const axis_permutation_t *permutation,
     search_t *search, const int query)
 {
     COUNT(search, leaf_visits, 1);
 #if HAS_SPHERES
     if (search->kind == KIND_SPHERES) {
-        COUNT(search, prim_tests, count_prims(((const global sphere_block_t *)blocks)[block].prim_id));
-        intersect_sphere_block((const global sphere_block_t *)blocks, block, ray, permutation, search, query);
+        COUNT(search, prim_tests, count_prims(((const global sphere_block_t *)blocks)[leaf].prim_id));
+        intersect_sphere_block((const global sphere_block_t *)blocks, leaf, ray, permutation, search, query);
         return;
     }
 #endif
-    COUNT(search, prim_tests, count_prims(blocks[block].prim_id));
-    intersect_block(blocks, block, ray, permutation, search, query);
+    for (int block = leaf; block != NO_BLOCK; block = next_block(leaf_at(blocks, block), block)) {
+        COUNT(search, prim_tests, triangles_in(leaf_at(blocks, block)));
+        intersect_block(blocks, block, ray, permutation, search, query);
+    }
 }
 
 // A stack entry: a key in the upper half, the node's `child` in the lower one. The key is t_near of the child's box, or

@@ -4,20 +4,31 @@
 // IS_GPU, if defined as 1: the vector unit of the device works across work-items. Vectors of corners would only take
 // registers, and the choice of one lane would put them into slow memory, so that triangles are loaded one by one.
 
+// keep: leaves of one layout
 #include "math/lanes.cl"
 #include "triangles/triangle.cl"
 
-// A triangle's index is WIDTH * block + lane.
+// A leaf has no more blocks.
+#define NO_BLOCK -1
+
+#if HAS_SHARED_VERTICES
+#include "triangles/shared.cl"
+#else
+#include "triangles/stored.cl"
+#endif
+
+// A triangle's index is WIDTH * block + lane, in 32 bits without a sign.
+INLINED int triangle_index_of(const int block, const int lane)
+{
+    return (int)(WIDTH * (uint)block + lane);
+}
+
 INLINED corners_t corners_at(const global block_t *blocks, const int triangle_index)
 {
-    const global block_t *block = blocks + (uint)triangle_index / WIDTH;
+    const leaf_t leaf = leaf_at(blocks, (uint)triangle_index / WIDTH);
     const uint lane = (uint)triangle_index % WIDTH;
-    float3 corners[3];
-    for (int i = 0; i < 3; i++) {
-        corners[i] = (float3)(block->corners[i][0][lane], block->corners[i][1][lane], block->corners[i][2][lane]);
-    }
-    const corners_t result = {corners[0], corners[1], corners[2]};
-    return result;
+    const corners_t corners = {corner_of(leaf, 0, lane), corner_of(leaf, 1, lane), corner_of(leaf, 2, lane)};
+    return corners;
 }
 
 // The axis permutation of a ray, the same for every block: `axes` are those that become x, y and z, see permute_axes.
@@ -42,11 +53,11 @@ INLINED void intersect_block(
     const global block_t *blocks, const int block, const ray_t *ray, const axis_permutation_t *permutation,
     search_t *search, const int query)
 {
-    // Lanes without a triangle are NaN, which no ray hits.
-    for (int lane = 0; lane < WIDTH; lane++) {
-        const int triangle_index = WIDTH * block + lane;
+    const leaf_t leaf = leaf_at(blocks, block);
+    for (int lane = 0; lane < triangles_in(leaf); lane++) {
+        const int triangle_index = triangle_index_of(block, lane);
         const corners_t corners = corners_at(blocks, triangle_index);
-        intersect_corners(&corners, blocks[block].prim_id[lane], triangle_index, ray, search, query);
+        intersect_corners(&corners, prim_id_of(leaf, lane), triangle_index, ray, search, query);
     }
 }
 
@@ -60,11 +71,11 @@ typedef struct {
 } vertices_t;
 
 INLINED vertices_t shear_lanes(
-    const global block_t *block, const int corner, const ray_t *ray, const axis_permutation_t *permutation)
+    const leaf_t leaf, const int corner, const ray_t *ray, const axis_permutation_t *permutation)
 {
-    const lanes_t x = load_lanes(block->corners[corner][permutation->axes[0]]) - permutation->origin.x;
-    const lanes_t y = load_lanes(block->corners[corner][permutation->axes[1]]) - permutation->origin.y;
-    const lanes_t z = load_lanes(block->corners[corner][permutation->axes[2]]) - permutation->origin.z;
+    const lanes_t x = load_row(leaf, corner, permutation->axes[0]) - permutation->origin.x;
+    const lanes_t y = load_row(leaf, corner, permutation->axes[1]) - permutation->origin.y;
+    const lanes_t z = load_row(leaf, corner, permutation->axes[2]) - permutation->origin.z;
     const vertices_t vertices = {x - ray->shear.x * z, y - ray->shear.y * z, z};
     return vertices;
 }
@@ -78,17 +89,18 @@ INLINED void intersect_block(
     const global block_t *blocks, const int block, const ray_t *ray, const axis_permutation_t *permutation,
     search_t *search, const int query)
 {
-    const vertices_t a = shear_lanes(blocks + block, 0, ray, permutation);
-    const vertices_t b = shear_lanes(blocks + block, 1, ray, permutation);
-    const vertices_t c = shear_lanes(blocks + block, 2, ray, permutation);
+    const leaf_t leaf = leaf_at(blocks, block);
+    const vertices_t a = shear_lanes(leaf, 0, ray, permutation);
+    const vertices_t b = shear_lanes(leaf, 1, ray, permutation);
+    const vertices_t c = shear_lanes(leaf, 2, ray, permutation);
 
-    // As in intersect_corners. Lanes without a triangle are NaN, which fails both comparisons.
+    // As in intersect_corners. NaN fails both comparisons.
     const lanes_t edge_a = c.x * b.y - c.y * b.x;
     const lanes_t edge_b = a.x * c.y - a.y * c.x;
     const lanes_t edge_c = b.x * a.y - b.y * a.x;
     const lanes_t min_edge = smaller_lanes(smaller_lanes(edge_a, edge_b), edge_c);
     const lanes_t max_edge = larger_lanes(larger_lanes(edge_a, edge_b), edge_c);
-    uint left = mask_bits((min_edge >= 0.0f) | (max_edge <= 0.0f));
+    uint left = mask_bits((min_edge >= 0.0f) | (max_edge <= 0.0f)) & lanes_in(leaf);
     if (left == 0) {
         return;
     }
@@ -102,7 +114,7 @@ INLINED void intersect_block(
         left &= left - 1;
         intersect_sheared(
             vertex_of_lane(sheared.vertices[0], lane, ray), vertex_of_lane(sheared.vertices[1], lane, ray),
-            vertex_of_lane(sheared.vertices[2], lane, ray), blocks[block].prim_id[lane], WIDTH * block + lane, ray,
+            vertex_of_lane(sheared.vertices[2], lane, ray), prim_id_of(leaf, lane), triangle_index_of(block, lane), ray,
             search, query);
     } while (left != 0);
 }

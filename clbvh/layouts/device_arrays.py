@@ -7,13 +7,14 @@ boxes of both children.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
+from typing import TypeGuard, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.bvh import Bvh
-from ..geometry import Shape, Spheres
+from ..geometry import Mesh, Shape
+from ..geometry.corners import Bounded
 from ..structs import (
     BVH2_COUNT,
     BVH2_FIRST,
@@ -21,18 +22,18 @@ from ..structs import (
     BVH2_MAX,
     BVH2_MIN,
     BVH2_NODE,
+    COMPACT_LAYOUT,
     LAYOUT_WIDTHS,
     NODE_COUNT,
     NODE_FIRST,
     NODE_LANES,
     NODE_MAX,
-    SPHERE,
-    SPHERE_BLOCKS,
-    TRIANGLE,
-    TRIANGLE_BLOCKS,
+    SHARED_UNIT,
 )
 from ..support.compiled import compiled
-from .leaf_blocks import gather_blocks
+from ..support.host_threads import HostThreads
+from .leaf_blocks import LeafBlocks, block_struct
+from .shared_blocks import SharedBlocks
 from .wide import widen
 
 
@@ -42,15 +43,22 @@ class DeviceArrays:
 
     Attributes
     ----------
-    nodes, blocks : arrays of structs
-        See `clbvh.structs`. A block of `bvh2` is one primitive.
+    nodes : array of structs
+        See `clbvh.structs`.
+    blocks : LeafBlocks or SharedBlocks
+        A block of `bvh2` is one primitive.
     stack_size : int
         Most entries on the stack of a traversal.
     """
 
     nodes: NDArray[np.void]
-    blocks: NDArray[np.void]
+    blocks: LeafBlocks | SharedBlocks
     stack_size: int
+
+    @property
+    def byte_count(self) -> int:
+        """Bytes of all arrays."""
+        return int(self.nodes.nbytes) + self.blocks.item_count * self.blocks.struct.itemsize
 
 
 def make_device_arrays(bvh: Bvh, layout: str) -> DeviceArrays:
@@ -65,32 +73,32 @@ def make_device_arrays(bvh: Bvh, layout: str) -> DeviceArrays:
     """
     width, shape = LAYOUT_WIDTHS[layout], cast(Shape, bvh.shape)
     if width == 2:
-        blocks = gather_blocks(shape, bvh.prim_ids.reshape(-1, 1))
-        return DeviceArrays(make_bvh2_nodes(bvh), blocks, bvh.depth)
-    tree = widen(bvh, width)
-    blocks = gather_blocks(shape, tree.blocks)
+        return DeviceArrays(make_bvh2_nodes(bvh), LeafBlocks(shape, bvh.prim_ids.reshape(-1, 1)), bvh.depth)
+    with HostThreads() as threads:
+        tree = widen(bvh, width, threads)
+        blocks: LeafBlocks | SharedBlocks = LeafBlocks(shape, tree.blocks)
+        if has_shared_blocks(shape, layout):
+            blocks = SharedBlocks.make(shape, tree.blocks, tree.nodes["child"], threads)
     # An entry point, see cl/traversal/entry_point.cl, can push up to width - 1 children that a descent from the root
     # would not push.
     return DeviceArrays(tree.nodes, blocks, tree.stack_size + width - 1)
 
 
+def has_shared_blocks(shape: Bounded, layout: str) -> TypeGuard[Mesh]:
+    """Return whether the blocks of a tree are `SharedBlocks`: of a mesh in the layout `bvh8c`."""
+    return layout == COMPACT_LAYOUT and isinstance(shape, Mesh)
+
+
+def item_struct(shape: Bounded, layout: str) -> np.dtype:
+    """Return the struct that the blocks of a tree consist of, or of the primitives without a tree."""
+    width = LAYOUT_WIDTHS.get(layout, 2)
+    return SHARED_UNIT if has_shared_blocks(shape, layout) else block_struct(shape, width if width > 2 else 1)
+
+
 def list_prims(shape: Shape) -> DeviceArrays:
     """Return the primitives of a shape in their order, without a tree: the layout ``"brute"``."""
     order = np.arange(shape.prim_count, dtype=np.int32).reshape(-1, 1)
-    return DeviceArrays(np.empty(0, BVH2_NODE), gather_blocks(shape, order), 0)
-
-
-def measure_device_bytes(bvh: Bvh, layout: str) -> int:
-    """Return the size of the arrays; the blocks are only counted, not made."""
-    width = LAYOUT_WIDTHS[layout]
-    is_spheres = isinstance(bvh.shape, Spheres)
-    if width == 2:
-        # A tree of one leaf still has one node on the device.
-        prim_bytes = (SPHERE if is_spheres else TRIANGLE).itemsize
-        return max(1, bvh.node_count // 2) * BVH2_NODE.itemsize + len(bvh.prim_ids) * prim_bytes
-    tree = widen(bvh, width)
-    blocks = SPHERE_BLOCKS if is_spheres else TRIANGLE_BLOCKS
-    return int(tree.nodes.nbytes) + len(tree.blocks) * blocks[width].itemsize
+    return DeviceArrays(np.empty(0, BVH2_NODE), LeafBlocks(shape, order), 0)
 
 
 # A missing child has an inverted box, from the greatest number to the least, which no ray hits.

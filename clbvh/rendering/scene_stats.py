@@ -15,7 +15,7 @@ from ..bvh.bvh import Bvh, sah_cost
 from ..errors import SceneError
 from ..geometry import Mesh
 from ..geometry.corners import Boxes
-from ..layouts.device_arrays import measure_device_bytes
+from ..layouts.device_arrays import make_device_arrays
 from ..scene.state import SceneState
 from ..structs import BVH2_NODE, INSTANCE, LAYOUT_WIDTHS
 from ..trace.world.surface_arrays import make_surface_arrays
@@ -63,7 +63,7 @@ def measure_scene(state: SceneState, trees: Sequence[Bvh], *, traversal_cost: fl
             "instance_count": instance_count,
             **describe(bvh),
             "host_bytes": bvh.nodes.nbytes + bvh.prim_ids.nbytes,
-            "device_bytes": {layout: measure_device_bytes(bvh, layout) for layout in LAYOUT_WIDTHS},
+            "device_bytes": {layout: make_device_arrays(bvh, layout).byte_count for layout in LAYOUT_WIDTHS},
         }
         for name, shape, bvh, instance_count in zip(state.names, state.shapes, trees, placed, strict=True)
     ]

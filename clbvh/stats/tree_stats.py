@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..bvh.bvh import Bvh, find_depths, sah_cost
-from ..layouts.device_arrays import measure_device_bytes
+from ..layouts.device_arrays import make_device_arrays
 from ..structs import LAYOUT_WIDTHS
 from .overlap import measure_overlap
 
@@ -161,7 +161,7 @@ def measure_tree(
         epo=overlap.epo,
         epo_triangles=overlap.triangle_count,
         host_bytes=bvh.nodes.nbytes + bvh.prim_ids.nbytes,
-        device_bytes={layout: measure_device_bytes(bvh, layout) for layout in LAYOUT_WIDTHS},
+        device_bytes={layout: make_device_arrays(bvh, layout).byte_count for layout in LAYOUT_WIDTHS},
     )
 
 

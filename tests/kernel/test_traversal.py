@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from clbvh import Tracer, build, make_shape
-from clbvh.layouts.device_arrays import make_device_arrays
 from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, NO_PRIM
 from clbvh.trace.world.world import World
@@ -15,7 +14,7 @@ from clbvh.trace.world.world import World
 from ..chain import make_chain
 from ..rays import centred, hard_rays
 from ..soup import make_soup
-from ..worlds import open_mesh
+from ..worlds import arrays_of, open_mesh
 from .casting import STACK_SIZE, open_caster
 from .programs import make_rays
 
@@ -100,7 +99,7 @@ COUNTING = """
 
 def find_any(call, bvh, origins, directions, layout="bvh2"):
     """The triangles at which a search for anything ends, and how many crossings it met on the way."""
-    arrays = make_device_arrays(bvh, layout)
+    arrays = arrays_of(bvh, layout)
     body = """
         const ray_t unpacked = unpack_ray(ray);
         search_t search = make_search(1, met);

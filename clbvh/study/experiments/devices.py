@@ -8,7 +8,7 @@ import numpy as np
 
 from ...device.select import choose_device, list_devices
 from ...errors import DeviceError
-from ...layouts.device_arrays import measure_device_bytes
+from ...layouts.device_arrays import make_device_arrays
 from ...rendering.heat_map import FIELDS, QUANTITIES, count_picture, draw_heat_map, mean_steps, open_counter
 from ...structs import LAYOUT_WIDTHS
 from ...trace.hits.closest import count_steps
@@ -76,7 +76,7 @@ class Layouts(Experiment):
         bvh = bench.tree(name)
         with open_counter(bvh, bench.device, layout) as caster:
             means = mean_steps(count_steps(caster, *bench.rays(name, _COUNTED_PICTURE)))
-        bytes_per_triangle = measure_device_bytes(bvh, layout) / bvh.mesh.face_count
+        bytes_per_triangle = make_device_arrays(bvh, layout).byte_count / bvh.mesh.face_count
         return dict(zip(_COUNTS.values(), (bytes_per_triangle, *means.values()), strict=False))
 
     def present(self, results: Results) -> Iterator[Part]:

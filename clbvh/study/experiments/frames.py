@@ -170,7 +170,10 @@ class Resolution(Experiment):
 def _arrange(bvh: Bvh) -> WideArrays:
     """Return a tree as the host traverses it."""
     arrays = make_device_arrays(bvh, f"bvh{_HOST_WIDTH}")
-    return WideArrays.of(arrays.nodes, arrays.blocks, _HOST_WIDTH, arrays.stack_size)
+    blocks = np.empty(arrays.blocks.item_count, arrays.blocks.struct)
+    with HostThreads() as threads:
+        arrays.blocks.write(blocks, threads)
+    return WideArrays.of(arrays.nodes, blocks, _HOST_WIDTH, arrays.stack_size)
 
 
 def _cast(tree: WideArrays, box: TreeBox, rays: tuple[NDArray, NDArray], begin: int, end: int) -> None:

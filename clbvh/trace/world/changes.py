@@ -17,6 +17,7 @@ from ...bvh import Bvh
 from ...device.session import DeviceSession
 from ...errors import SceneError
 from ...geometry import Mesh, Shape
+from ...layouts.device_arrays import has_shared_blocks
 from ...layouts.device_prims import DevicePrims
 from ...scene.handles import Geometry, Instance
 from ...scene.scene import Scene
@@ -103,16 +104,20 @@ class Changes:
 
     def set_shape(self, world: World, geometry_id: int, shape: Shape, session: DeviceSession) -> World:
         """Return a world with another shape of a geometry: its tree is refitted or built anew there."""
-        before = world.trees
-        refit = self._refits.get(geometry_id) or self._open_refit(world, geometry_id, session)
-        trees = before.with_room(session, geometry_id, before.trees[geometry_id], self._retired)
-        box = refit.write(before, trees, geometry_id, shape, session)
-        growth = refit.sah_cost / refit.built_cost
-        if growth > REBUILD_GROWTH and not before.session.info.cuts_loops:
-            del trees  # the device need not have room for it and for the next one
-            growth = 1.0
-            session.finish()
-            trees, box = self._rebuild(before, geometry_id, refit.prims, session)
+        before, growth = world.trees, 1.0
+        if has_shared_blocks(shape, before.layout):
+            # Vertices that were equal need not be any more.
+            trees, box = self._rebuild(before, geometry_id, shape, session)
+        else:
+            refit = self._refits.get(geometry_id) or self._open_refit(world, geometry_id, session)
+            trees = before.with_room(session, geometry_id, before.trees[geometry_id], self._retired)
+            box = refit.write(before, trees, geometry_id, shape, session)
+            growth = refit.sah_cost / refit.built_cost
+            if growth > REBUILD_GROWTH and not before.session.info.cuts_loops:
+                del trees  # the device need not have room for it and for the next one
+                growth = 1.0
+                session.finish()
+                trees, box = self._rebuild(before, geometry_id, shape, session, refit.prims)
         if geometry_id == 0:
             trees = replace(trees, box=box)
         # Queries have queues of their own, which do not wait for this one.
@@ -137,7 +142,12 @@ class Changes:
         return refit
 
     def _rebuild(
-        self, before: DeviceTrees, geometry_id: int, prims: DevicePrims, session: DeviceSession
+        self,
+        before: DeviceTrees,
+        geometry_id: int,
+        shape: Shape,
+        session: DeviceSession,
+        prims: DevicePrims | None = None,
     ) -> tuple[DeviceTrees, TreeBox]:
         """Return the trees with that of a geometry built anew, and the box around it."""
         # Imported here: most tracers build no second tree.
@@ -146,14 +156,14 @@ class Changes:
 
         # By the owner of the buffers: a tree that is alone stays in those that it was built in.
         owner = before.session
-        new = NewTree.build(owner, prims, suit_options(prims.shape, FAST_QUALITY), before.layout)
+        new = NewTree.make(owner, shape, suit_options(shape, FAST_QUALITY), before.layout, prims)
         owner.finish()
         if len(before.trees) == 1:
-            trees = DeviceTrees.join(owner, [prims.shape], [new], before.layout)
+            trees = DeviceTrees.join(owner, [shape], [new], before.layout)
         else:
             trees = before.with_room(session, geometry_id, new.tree, self._retired)
             trees.put(session, geometry_id, new)
-        self._refits.pop(geometry_id)
+        self._refits.pop(geometry_id, None)
         if geometry_id == 0:
             self._tree = FAST_QUALITY
         return trees, new.box

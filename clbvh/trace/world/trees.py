@@ -22,10 +22,10 @@ from ...device.session import DeviceSession
 from ...errors import ConfigError, SceneError
 from ...geometry import Mesh, Shape
 from ...geometry.corners import Bounded
-from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
+from ...layouts.device_arrays import DeviceArrays, has_shared_blocks, item_struct, list_prims, make_device_arrays
 from ...layouts.device_prims import DevicePrims
-from ...layouts.leaf_blocks import block_struct
-from ...structs import BVH2_NODE, ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, PRIM_KINDS, WIDE_NODES
+from ...structs import BVH2_NODE, LANE_LAYOUTS, LAYOUT_WIDTHS, PRIM_KINDS, WIDE_NODES
+from ...support.host_threads import HostThreads
 from .tree_box import TreeBox
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ BRUTE = "brute"
 # Trees of up to a million triangles share one compiled kernel for each layout: a compilation takes a second or two on
 # PoCL. The dragon's tree needs 29, 48 and 72 entries. A longer stack costs no time: on PoCL 3.0 the bunny's kernels
 # with 16 to 128 entries perform alike. Deeper trees get the next multiple of the step.
-_COMMON_STACK = {"bvh2": 32, "bvh4": 64, "bvh8": 96}
+_COMMON_STACK = {"bvh2": 32, "bvh4": 64, "bvh8": 96, "bvh8c": 96}
 _STACK_STEP = 16
 
 # A tree that needs a longer stack is refused: it would not fit a work-item's private memory. The trees of our builders,
@@ -88,18 +88,18 @@ def check_layout(layout: str) -> None:
         raise ConfigError(f"layout must be one of {', '.join(known)}, not '{layout}'")
 
 
-def pad_stack(layout: str, needed: int, depth: int) -> int:
+def pad_stack(layout: str, needed: int) -> int:
     """Return the size of the stack to compile in, where the tree needs one of `needed` entries.
 
     Raises
     ------
     ConfigError
-        The tree, `depth` levels deep, needs more than a work-item has.
+        The tree needs more than a work-item has.
     """
     if needed > _LONGEST_STACK:
         raise ConfigError(
-            f"the tree is {depth} levels deep: as {layout} it needs a stack of {needed} entries, and the traversal's "
-            f"holds {_LONGEST_STACK}"
+            f"the tree is too deep: as {layout} it needs a stack of {needed:,} entries, and the traversal's holds "
+            f"{_LONGEST_STACK:,}"
         )
     return max(_COMMON_STACK.get(layout, _STACK_STEP), _STACK_STEP * math.ceil(needed / _STACK_STEP))
 
@@ -131,21 +131,36 @@ class NewTree:
     Attributes
     ----------
     tree : Tree
-    nodes, blocks : arrays of structs, or buffers
     box : TreeBox
+    arrays : DeviceArrays or None
+        Of a tree that is on the host.
+    buffers : tuple of two buffers
+        Nodes and blocks of one that was built on the device.
     """
 
     tree: Tree
-    nodes: Any
-    blocks: Any
     box: TreeBox
+    arrays: DeviceArrays | None = None
+    buffers: tuple[Any, ...] = ()
 
     @classmethod
-    def make(cls, session: DeviceSession, shape: Shape, plan: Bvh | BuildOptions, layout: str) -> Self:
-        """Return a finished tree, or one that the device builds by the options."""
+    def make(
+        cls,
+        session: DeviceSession,
+        shape: Shape,
+        plan: Bvh | BuildOptions,
+        layout: str,
+        prims: DevicePrims | None = None,
+    ) -> Self:
+        """Return a finished tree, or one that the device builds by the options, of the shape's primitives there."""
         if isinstance(plan, Bvh):
             return cls.from_host(shape, plan, layout)
-        return cls.build(session, DevicePrims(session, session, shape), plan, layout)
+        if has_shared_blocks(shape, layout):
+            # Imported here: a tracer of a finished tree needs no builder.
+            from ...builders.device.build_device import build_fast
+
+            return cls.from_host(shape, build_fast(shape, plan, session.info), layout)
+        return cls.build(session, prims or DevicePrims(session, session, shape), plan, layout)
 
     @classmethod
     def from_host(cls, shape: Shape, bvh: Bvh, layout: str) -> Self:
@@ -156,18 +171,18 @@ class NewTree:
         ConfigError
             It is too deep.
         """
-        return cls._of_arrays(shape, make_device_arrays(bvh, layout), layout, bvh.depth, TreeBox.around(bvh))
+        return cls._of_arrays(shape, make_device_arrays(bvh, layout), layout, TreeBox.around(bvh))
 
     @classmethod
     def without_nodes(cls, shape: Shape) -> Self:
         """Return the primitives alone, for the layout ``"brute"``."""
-        return cls._of_arrays(shape, list_prims(shape), BRUTE, 0, TreeBox.of_shape(shape))
+        return cls._of_arrays(shape, list_prims(shape), BRUTE, TreeBox.of_shape(shape))
 
     @classmethod
-    def _of_arrays(cls, shape: Shape, arrays: DeviceArrays, layout: str, depth: int, box: TreeBox) -> Self:
-        stack_size = pad_stack(layout, arrays.stack_size, depth)
-        tree = Tree(_kind_of(shape), 0, len(arrays.nodes), 0, len(arrays.blocks), stack_size)
-        return cls(tree, arrays.nodes, arrays.blocks, box)
+    def _of_arrays(cls, shape: Shape, arrays: DeviceArrays, layout: str, box: TreeBox) -> Self:
+        stack_size = pad_stack(layout, arrays.stack_size)
+        tree = Tree(_kind_of(shape), 0, len(arrays.nodes), 0, arrays.blocks.item_count, stack_size)
+        return cls(tree, box, arrays)
 
     @classmethod
     def build(cls, session: DeviceSession, prims: DevicePrims, options: BuildOptions, layout: str) -> Self:
@@ -184,10 +199,10 @@ class NewTree:
         form, shape = TreeForm.of_layout(layout), prims.shape
         built = build_tree_on(session, prims, options, form)
         blocks = prims.make_blocks(session, form.block_width, built.prims, built.block_count)
-        stack_size = pad_stack(layout, built.stack_size, built.stack_size)
+        stack_size = pad_stack(layout, built.stack_size)
         half = np.maximum(np.abs(built.lower), np.abs(built.upper)).astype(np.float64)
         tree = Tree(_kind_of(shape), 0, built.node_count, 0, built.block_count, stack_size)
-        return cls(tree, built.nodes, blocks, TreeBox(shape.origin, shape.scale, half))
+        return cls(tree, TreeBox(shape.origin, shape.scale, half), None, (built.nodes, blocks))
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,13 +254,12 @@ class DeviceTrees:
         width = LAYOUT_WIDTHS.get(layout, 2)
         dtypes = {"nodes": WIDE_NODES.get(width, BVH2_NODE)}
         for shape, new in zip(shapes, trees, strict=True):
-            dtypes[_BLOCK_BUFFERS[new.tree.kind]] = block_struct(shape, width if width > 2 else 1)
+            dtypes[_BLOCK_BUFFERS[new.tree.kind]] = item_struct(shape, layout)
         joined = cls(session, layout, _place([new.tree for new in trees]), {}, dtypes, trees[0].box)
-        if len(trees) == 1:
+        if len(trees) == 1 and trees[0].arrays is None:
             # A tree that was built there stays where it is.
-            arrays = trees[0].nodes, trees[0].blocks
-            for (name, _, _), items in zip(_list_arrays(joined.trees[0]), arrays, strict=True):
-                joined.buffers[name] = session.upload(items) if isinstance(items, np.ndarray) else items
+            for (name, _, _), buffer in zip(_list_arrays(joined.trees[0]), trees[0].buffers, strict=True):
+                joined.buffers[name] = buffer
             return joined
         for name, size in joined._sizes().items():
             joined.buffers[name] = session.allocate(size, writable=False)
@@ -255,13 +269,19 @@ class DeviceTrees:
 
     def put(self, session: DeviceSession, geometry_id: int, new: NewTree) -> None:
         """Write a tree into its place."""
-        arrays = _list_arrays(self.trees[geometry_id])
-        for (name, first, count), items in zip(arrays, (new.nodes, new.blocks), strict=True):
-            item_bytes = self.dtypes[name].itemsize
-            if not isinstance(items, np.ndarray):
-                session.copy(items, self.buffers[name], count * item_bytes, target_begin=first * item_bytes)
-            elif count > 0:
-                session.write(self.buffers[name], items, begin=first * item_bytes)
+        places = [
+            (self.buffers[name], self.dtypes[name], first, count)
+            for name, first, count in _list_arrays(self.trees[geometry_id])
+        ]
+        if new.arrays is None:
+            for source, (buffer, dtype, first, count) in zip(new.buffers, places, strict=True):
+                session.copy(source, buffer, count * dtype.itemsize, target_begin=first * dtype.itemsize)
+            return
+        (nodes, node, first, _), (buffer, dtype, first_item, count) = places
+        if len(new.arrays.nodes):
+            session.write(nodes, new.arrays.nodes, begin=first * node.itemsize)
+        with session.mapped(buffer, count, dtype, write=True, first=first_item) as items, HostThreads() as threads:
+            new.arrays.blocks.write(items, threads)
 
     def block_buffer(self, geometry_id: int) -> str:
         """Return the name of the buffer with the blocks of a tree."""
@@ -310,7 +330,7 @@ class DeviceTrees:
     def on_host(self) -> WideArrays | None:
         """Return the tree of a lone mesh as the host sees it, without a copy; None if it does not, or not as lanes."""
         info = self.session.info
-        if info.kind != "cpu" or info.is_simulator or self.layout not in ENTRY_POINT_LAYOUTS:
+        if info.kind != "cpu" or info.is_simulator or self.layout not in LANE_LAYOUTS:
             return None
         return self._host_view.open(self)
 

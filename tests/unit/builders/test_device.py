@@ -14,17 +14,18 @@ from clbvh.builders.device.build_device import TreeForm, build_fast, build_tree_
 from clbvh.builders.device.passes import CLUSTERS_LEFT, TILE_SIZE, plan_passes
 from clbvh.device.radix_sort import CPU_PLAN, GPU_PLAN, SortPlan, sort_pairs
 from clbvh.geometry.corners import find_corners
-from clbvh.layouts.device_arrays import make_device_arrays
 from clbvh.layouts.device_prims import DevicePrims
 from clbvh.layouts.leaf_blocks import block_struct
-from clbvh.structs import LAYOUT_WIDTHS
+from clbvh.structs import LANE_LAYOUTS
 
 from ...soup import make_soup
+from ...worlds import arrays_of
 from .shapes import SHAPES, copies, nested
 
 FAST = BuildOptions(quality="fast")
 RADIX = TreeForm(2, as_rows=True, by_prefix=True)
-FORMS = [TreeForm(2, as_rows=True), RADIX, *map(TreeForm.of_layout, LAYOUT_WIDTHS)]
+DEVICE_LAYOUTS = ("bvh2", *LANE_LAYOUTS)
+FORMS = [TreeForm(2, as_rows=True), RADIX, *map(TreeForm.of_layout, DEVICE_LAYOUTS)]
 
 
 @pytest.fixture
@@ -59,8 +60,8 @@ def test_the_arrays_of_a_layout_are_those_that_the_host_makes_of_the_tree(sessio
     for shape in make_shapes():
         bvh = build_shape(shape, "fast", session.info)
         validate_tree(bvh, max_depth=64, max_leaf_size=FAST.leaf_size)
-        for layout in LAYOUT_WIDTHS:
-            expected, form = make_device_arrays(bvh, layout), TreeForm.of_layout(layout)
+        for layout in DEVICE_LAYOUTS:
+            expected, form = arrays_of(bvh, layout), TreeForm.of_layout(layout)
             prims = DevicePrims(session, session, shape)
             tree = build_tree_on(session, prims, suit_options(shape, "fast"), form)
             blocks = prims.make_blocks(session, form.block_width, tree.prims, tree.block_count)

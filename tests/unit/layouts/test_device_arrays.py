@@ -10,14 +10,16 @@ from clbvh import BuildOptions, Mesh, Spheres, build, make_shape, sah_cost
 from clbvh.builders.build import build_tree
 from clbvh.geometry.corners import find_corners
 from clbvh.layouts import wide
-from clbvh.layouts.device_arrays import DeviceArrays, make_device_arrays, measure_device_bytes
+from clbvh.layouts.device_arrays import has_shared_blocks
 from clbvh.layouts.device_prims import DevicePrims
-from clbvh.structs import LAYOUT_WIDTHS, NO_PRIM
+from clbvh.structs import LANE_LAYOUTS, LAYOUT_WIDTHS, NO_PRIM, SHARED_UNIT
+from clbvh.support.host_threads import HostThreads
 from clbvh.trace.world.refit import Refit
 from clbvh.trace.world.trees import DeviceTrees, NewTree, RetiredBuffers
 
 from ...chain import make_chain
 from ...soup import make_soup
+from ...worlds import Arrays, arrays_of
 from ..hand_made import make_leaf, make_tree
 
 LAYOUTS = [*LAYOUT_WIDTHS]
@@ -28,13 +30,36 @@ def is_wide(layout):
     return LAYOUT_WIDTHS[layout] > 2
 
 
+def unpack(units, unit):
+    """Return the faces and corners of a block of shared vertices, and the units to the next block of its leaf."""
+    words = units["words"].reshape(-1)[4 * unit :]
+    header = int(words[3])
+    vertex_count, count, distance = header & 0xFF, header >> 8 & 0xFF, header >> 16
+    vertices = words[4 : 4 + 3 * vertex_count].view(np.float32).reshape(3, vertex_count).T
+    assert len(np.unique(vertices.view(np.uint32), axis=0)) == vertex_count <= 16
+    corners = words[:3, None] >> 4 * np.arange(count, dtype=np.uint32) & 0xF
+    assert corners.max() == vertex_count - 1
+    size = -(-(4 + 3 * vertex_count + count) // 4)
+    assert distance in (0, size)
+    prims = words[4 + 3 * vertex_count :][:count].astype(np.int32)
+    return prims, vertices[corners.T].reshape(count, 9), size, distance
+
+
+def prims_of_leaf(units, unit):
+    prims, _, _, distance = unpack(units, unit)
+    return np.concatenate((prims, prims_of_leaf(units, unit + distance))) if distance else prims
+
+
 def children_of(arrays, layout, node):
     """Yield the box and the child of each slot of a node: a node's index, or its primitives in an array."""
     nodes, blocks = arrays.nodes[node], arrays.blocks
     for slot in range(LAYOUT_WIDTHS[layout]):
         if is_wide(layout):
             child = nodes["child"][slot]
-            prims = blocks["prim_id"][~child] if child < 0 else None
+            prims = None
+            if child < 0:
+                is_shared = blocks.dtype == SHARED_UNIT
+                prims = prims_of_leaf(blocks, ~child) if is_shared else blocks["prim_id"][~child]
             box = nodes["aabb_min"][:, slot], nodes["aabb_max"][:, slot]
         else:
             child, count = nodes["first"][slot], nodes["count"][slot]
@@ -45,6 +70,14 @@ def children_of(arrays, layout, node):
 
 def rows_of(blocks, lanes):
     """Return the number and the coordinates in each lane of each block."""
+    if blocks.dtype == SHARED_UNIT:
+        unit, unpacked = 0, []
+        while unit < len(blocks) - 4:
+            prims, corners, size, _ = unpack(blocks, unit)
+            unpacked.append((prims, corners))
+            unit += size
+        assert not blocks[-4:].view(np.uint32).any()
+        return tuple(map(np.concatenate, zip(*unpacked, strict=True)))
     names = [name for name in blocks.dtype.names if name != "prim_id"]
     values = np.concatenate([blocks[name].reshape(len(blocks), -1, lanes) for name in names], axis=1)
     return blocks["prim_id"].reshape(-1), values.swapaxes(1, 2).reshape(len(blocks) * lanes, -1)
@@ -103,7 +136,7 @@ def put(session, shape, plan, layout):
 def take(session, trees):
     """Return the arrays that a device has."""
     with trees.mapped(session, 0, write=False) as (nodes, blocks):
-        return DeviceArrays(nodes.copy(), blocks.copy(), trees.stack_size)
+        return Arrays(nodes.copy(), blocks.copy(), trees.stack_size)
 
 
 def refit(session, bvh, layout, *shapes):
@@ -142,17 +175,18 @@ def make_trees():
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_arrays_hold_every_primitive_once_and_stay_as_they_are_if_nothing_moves(layout, session):
     for bvh in make_trees():
-        arrays = make_device_arrays(bvh, layout)
+        arrays = arrays_of(bvh, layout)
         # An entry point can push children that a descent from the root would not push.
         spare = LAYOUT_WIDTHS[layout] - 1 if is_wide(layout) else 0
         assert arrays.stack_size == check_arrays(arrays, layout, bvh.shape) + spare
-        assert measure_device_bytes(bvh, layout) == arrays.nodes.nbytes + arrays.blocks.nbytes
+        if has_shared_blocks(bvh.shape, layout):
+            continue
         for writer, written, _ in refit(session, bvh, layout, bvh.shape):
             assert bytes_of(written) == bytes_of(arrays)
             assert writer.sah_cost == writer.built_cost
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", ["bvh2", *LANE_LAYOUTS])
 def test_moved_vertices_have_exact_boxes(layout, session):
     bvh = build(make_soup(700, 1, grid=30, size=4, degenerate=0.2), leaf_size=3)
     # On a coarse grid, so that some triangles become degenerate and others cease to be.
@@ -162,13 +196,13 @@ def test_moved_vertices_have_exact_boxes(layout, session):
     assert (moved.mesh.degenerate_faces & ~bvh.mesh.degenerate_faces).any()
     assert (~moved.mesh.degenerate_faces & bvh.mesh.degenerate_faces).any()
     point = bvh.mesh.with_vertices(np.ones_like(vertices))
-    arrays = make_device_arrays(bvh, layout)
+    arrays = arrays_of(bvh, layout)
     (writer, written, box), (_, again, _) = refit(session, bvh, layout, moved.mesh, moved.mesh)
     check_arrays(written, layout, moved.mesh)
     assert bytes_of(written) == bytes_of(again)
     assert (box.half == np.abs(moved.mesh.local_vertices[moved.mesh.faces]).max(axis=(0, 1))).all()
     if layout == "bvh2":
-        assert bytes_of(written) == bytes_of(make_device_arrays(moved, layout))
+        assert bytes_of(written) == bytes_of(arrays_of(moved, layout))
         assert writer.sah_cost / writer.built_cost == pytest.approx(sah_cost(moved) / sah_cost(bvh), rel=1e-6)
     ((writer, _, box),) = refit(session, bvh, layout, point)
     assert (writer.sah_cost, box.half.tolist()) == (len(arrays.nodes) + len(arrays.blocks), [0, 0, 0])
@@ -203,7 +237,8 @@ def test_no_other_choice_of_wide_nodes_is_cheaper(width):
             known[node, children] = min(ways)
         return known[node, children]
 
-    nodes = wide.widen(bvh, width).nodes
+    with HostThreads() as threads:
+        nodes = wide.widen(bvh, width, threads).nodes
     x, y, z = np.moveaxis(nodes["aabb_max"].astype(np.float64) - nodes["aabb_min"], 1, 0)
     is_present, is_leaf = x >= 0, nodes["child"] < 0
     costs = x * y + y * z + z * x + is_leaf * price

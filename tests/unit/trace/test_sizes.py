@@ -70,7 +70,7 @@ def test_every_size_gives_the_same_bits(session, layout):
     assert 0 < (expected["limited"] != expected["prim_id"]).sum() < COUNT
     assert expected["inside"].any()
     cases = [(unit, LENGTHS[turn % len(LENGTHS)]) for turn, unit in enumerate(UNITS)] + EXTREMES
-    for unit, length in cases[{"bvh2": 0, "bvh4": 1, "bvh8": 2}[layout] :: 3]:
+    for unit, length in cases[[*LAYOUT_WIDTHS].index(layout) % 3 :: 3]:
         for name, values in ask(mesh, rays, layout, unit, length, session.info).items():
             if (unit, length) not in EXTREMES or name not in OF_T:
                 assert values.tobytes() == expected[name].tobytes(), (name, unit, length)

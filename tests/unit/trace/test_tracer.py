@@ -79,7 +79,7 @@ def test_what_cannot_be_opened_leaves_nothing_on_the_device(session, monkeypatch
         return opened[-1]
 
     monkeypatch.setattr(tracer_module, "open_session", note)
-    with pytest.raises(ConfigError, match="levels deep"):
+    with pytest.raises(ConfigError, match="too deep"):
         Tracer(make_chain(1026, "left")[1], device=session.info, layout="bvh2")
     assert [session.is_closed for session in opened] == [True]
 

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from clbvh import ConfigError, build, make_shape
-from clbvh.layouts.device_arrays import make_device_arrays
 from clbvh.structs import LAYOUT_WIDTHS, LAYOUTS, TRIANGLE
 
 from ....chain import make_chain
-from ....worlds import open_mesh
+from ....worlds import arrays_of, open_mesh
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +18,7 @@ def bvh():
 @pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
 def test_a_tree_is_uploaded_in_its_layout(session, bvh, layout):
     world = open_mesh(session, bvh.mesh, bvh, layout)
-    arrays = make_device_arrays(bvh, layout)
+    arrays = arrays_of(bvh, layout)
     nodes, blocks, count = (world.arguments[name] for name in ("nodes", "blocks", "block_count"))
     assert count == len(arrays.blocks)
     for buffer, expected in ((nodes, arrays.nodes), (blocks, arrays.blocks)):
@@ -28,7 +27,7 @@ def test_a_tree_is_uploaded_in_its_layout(session, bvh, layout):
         assert obtained.tobytes() == expected.tobytes()
     assert world.memory_bytes == arrays.nodes.nbytes + arrays.blocks.nbytes
     assert world.defines["LAYOUT"] == LAYOUTS[layout]
-    assert arrays.stack_size <= world.defines["STACK_SIZE"] == {"bvh2": 32, "bvh4": 64, "bvh8": 96}[layout]
+    assert arrays.stack_size <= world.defines["STACK_SIZE"] == {"bvh2": 32, "bvh4": 64, "bvh8": 96, "bvh8c": 96}[layout]
 
 
 @pytest.mark.parametrize(("triangles", "stack_size"), [(1, 32), (2, 32), (33, 32), (34, 48), (49, 48), (50, 64)])
@@ -40,7 +39,7 @@ def test_the_stack_holds_the_depth_of_the_tree(session, triangles, stack_size):
 
 def test_a_tree_that_is_too_deep_and_unknown_layouts_are_refused(session):
     assert open_mesh(session, *make_chain(1025, "left"), "bvh2").defines["STACK_SIZE"] == 1024
-    with pytest.raises(ConfigError, match="the tree is 1025 levels deep: as bvh2 it needs a stack of 1025 entries"):
+    with pytest.raises(ConfigError, match="the tree is too deep: as bvh2 it needs a stack of 1,025 entries"):
         open_mesh(session, *make_chain(1026, "left"), "bvh2")
     for layout in ("brute", "bvh3", ""):
         with pytest.raises(ConfigError, match=rf"one of auto, bvh2.*, not '{layout}'$"):

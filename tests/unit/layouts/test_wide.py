@@ -1,0 +1,50 @@
+"""Wide trees are made by any number of threads, whose work depends on nothing but the tree."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from clbvh import build
+from clbvh.layouts import wide
+from clbvh.support.host_threads import HostThreads
+
+from ...chain import make_chain
+from ...soup import make_soup
+
+
+def bytes_of(tree):
+    return tree.nodes.tobytes(), tree.blocks.tobytes(), tree.stack_size
+
+
+@pytest.mark.parametrize("width", [4, 8])
+def test_any_number_of_threads_makes_the_same_bytes(width, monkeypatch):
+    monkeypatch.setattr(wide, "_LEAST_NODES", 16)
+    # Leaves of 30 triangles are split, so that the order of nodes is not depth-first.
+    soups = [make_soup(count, count, grid=30, size=4, copies=0.2) for count in (9, 100, 3000)]
+    trees = [build(soup, leaf_size=size) for soup in soups for size in (1, 4, 30)]
+    for bvh in (*trees, make_chain(500, "left")[1], make_chain(500, "right")[1]):
+        with HostThreads(1) as threads:
+            monkeypatch.setattr(wide, "_SUBTREES_OF_THREAD", 1)
+            expected = bytes_of(wide.widen(bvh, width, threads))
+        monkeypatch.setattr(wide, "_SUBTREES_OF_THREAD", 16)
+        for count in (1, 2, 7):
+            with HostThreads(count) as threads:
+                for _ in range(3):
+                    assert bytes_of(wide.widen(bvh, width, threads)) == expected
+
+
+def test_no_thread_reads_what_another_one_writes():
+    """Ranges in any order: what is left over comes last."""
+    bvh = build(make_soup(2000, 1, grid=30, size=4), leaf_size=2)
+    with HostThreads(1) as threads:
+        expected = bytes_of(wide.widen(bvh, 8, threads))
+
+    class OneAfterTheOther(HostThreads):
+        def for_ranges(self, item_count, task, *, least_items=0):
+            bounds = np.linspace(0, item_count, 40).astype(int).tolist()
+            for begin, end in pairwise(bounds):
+                task(begin, end)
+
+    with OneAfterTheOther(1) as threads:
+        assert bytes_of(wide.widen(bvh, 8, threads)) == expected
