@@ -10,10 +10,11 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from ..bvh import Bvh
-from ..errors import ConfigError
+from ..errors import ConfigError, MeshError
 from ..geometry import MeshLike, Shape, Spheres, as_mesh
 from ..geometry.corners import Bounded, Boxes
 from ..support.host_threads import usable_cores
+from ..support.memory import check_memory
 from .executor import Executor, ThreadExecutor
 from .ladder.variants import VARIANTS
 from .options import DEFAULT_BUILDER, DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY, BuildOptions, check_workers
@@ -32,6 +33,9 @@ PRIMS_PER_WORKER = 10_000
 # takes 46 % less memory for 50,000 spheres, and coherent rays are 1.1 times as fast, others 1.5 times; 2 and 4 are
 # nearly the same. The wide layouts, which choose their own leaves, are as fast with any (2-core x86-64 server, PoCL).
 _SPHERE_TRAVERSAL_COST = 3.0
+
+# What a build takes besides the mesh and the tree, at its peak: of a height field of 100 million triangles.
+_BYTES_PER_PRIM = 100
 
 Builder = Callable[[Bounded, Executor, BuildOptions], Bvh]
 
@@ -120,7 +124,8 @@ def build(
     DeviceError
         There is no such device, or it has not enough memory.
     MeshError
-        The argument does not describe a valid mesh: see `clbvh.Mesh.from_arrays` and `clbvh.load_mesh`.
+        The argument does not describe a valid mesh: see `clbvh.Mesh.from_arrays` and `clbvh.load_mesh`. Or the build
+        needs more memory than is free, about 100 bytes for each triangle.
     PoolError
         A worker process failed or died, or there is not enough memory to share.
 
@@ -164,6 +169,8 @@ def build_tree(
 
         return build_fast(shape, options, device)
     run = find_builder(builder, options)
+    subject = f"{shape.name}: a tree over {shape.prim_count:,} primitives"
+    check_memory(subject, shape.prim_count * _BYTES_PER_PRIM, MeshError)
     if builder in VARIANTS:
         uses_pool = VARIANTS[builder].parallel
     else:

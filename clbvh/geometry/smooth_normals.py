@@ -56,6 +56,10 @@ def find_vertex_faces(mesh: Mesh) -> VertexFaces:
 
 DEFAULT_CREASE_ANGLE = 40.0  # degrees
 
+# A mesh of more faces is not smoothed in pictures, where it has no normals of its own: it would take 1 us and 170 bytes
+# a face, and its facets are smaller than pixels.
+MOST_SMOOTHED = 1 << 24
+
 # Corners at one point with which each of them is compared. Where there are more, these are spread evenly over all, in
 # the order of the faces: the point of a cone of a million faces would take hours.
 _MOST_COMPARED = 256

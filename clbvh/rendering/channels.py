@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh, Shape
 from ..geometry.appearance.srgb import srgb_to_linear
-from ..geometry.smooth_normals import smooth_normals_by_angle
+from ..geometry.smooth_normals import MOST_SMOOTHED, smooth_normals_by_angle
 from ..scene.scene import Scene
 from ..scene.transforms import check_transform
 from ..trace.hits.hits import Hits
@@ -231,10 +231,12 @@ def _blend_corners(
         yield rows, a + ((b - a) * us[rows, None] + (c - a) * vs[rows, None])
 
 
-def _find_corner_normals(mesh: Mesh, crease_angle: float) -> NDArray[np.float32]:
-    """Return (F, 3, 3) float32: unit normals at the corners of faces."""
+def _find_corner_normals(mesh: Mesh, crease_angle: float) -> NDArray[np.float32] | None:
+    """Return (F, 3, 3) float32: unit normals at the corners of faces; None for a mesh that is not smoothed."""
     if mesh.appearance is not None and mesh.appearance.normals is not None:
         return mesh.appearance.normals
+    if mesh.face_count > MOST_SMOOTHED:
+        return None
     angle, normals = _known.get(mesh, (-1.0, None))
     if normals is None or angle != crease_angle:
         normals = smooth_normals_by_angle(mesh, crease_angle)

@@ -18,7 +18,7 @@ from ..geometry import Mesh
 from ..geometry.appearance.appearance import Appearance
 from ..geometry.appearance.material import OPAQUE, Material, Texture
 from ..geometry.appearance.srgb import srgb_to_linear
-from ..geometry.smooth_normals import find_tangents, smooth_normals_by_angle
+from ..geometry.smooth_normals import MOST_SMOOTHED, find_tangents, smooth_normals_by_angle
 from ..geometry.spheres import Shape
 from ..layouts.pack_normals import pack_normals, pack_tangents
 from ..structs import LIGHT, LIGHT_CHOICE, LOOK, MATERIAL, TEXTURE, TEXTURE_WRAPS
@@ -274,7 +274,8 @@ class _Tables:
         appearance = mesh.appearance
         given = appearance.normals if appearance is not None else None
         uvs = _find_bent_uvs(appearance)
-        if given is None and uvs is None and self._crease_angle == 0.0:
+        is_flat = self._crease_angle == 0.0 or mesh.face_count > MOST_SMOOTHED
+        if given is None and uvs is None and is_flat:
             return
 
         def find() -> NDArray[np.float32]:

@@ -206,7 +206,8 @@ class View:
     max_bounces : int
         Reflections after which a path of ``path`` ends; 0: light that comes straight from a source.
     smooth : float
-        Crease angle in degrees, of meshes without normals of their own; 0: flat shading.
+        Crease angle in degrees, of meshes without normals of their own; 0: flat shading. Meshes of more than 16.8
+        million triangles are flat in any case.
     ground : bool, or None
         A ground below all objects: in ``studio`` it shows their shadows alone, in ``path`` it is a matte surface of
         middle grey, without an end but for a soft transition to the background. The other shadings have none. None: in

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,12 +154,14 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
     if not (names := [name for name in _FACE_LISTS if name in of_faces]):
         raise MeshError(f"the faces have no list '{_FACE_LISTS[0]}'")
     corners, sizes, _ = of_faces[names[0]]
-    with np.errstate(invalid="ignore"):
-        ids = corners.astype(np.int64)
-    if (ids != corners).any():
-        corner = int(np.argmax(ids != corners))
-        face = int(np.searchsorted(np.cumsum(sizes), corner, side="right"))
-        raise MeshError(f"face {face} refers to vertex {corners[corner]}, which is no whole number")
+    ids: NDArray[Any] = corners
+    if corners.dtype.kind != "i":
+        with np.errstate(invalid="ignore"):
+            ids = corners.astype(np.int64)
+        if (ids != corners).any():
+            corner = int(np.argmax(ids != corners))
+            face = int(np.searchsorted(np.cumsum(sizes), corner, side="right"))
+            raise MeshError(f"face {face} refers to vertex {corners[corner]}, which is no whole number")
     if kinds[0] == _STRIPS:
         faces, of_faces = cut_strips(ids, sizes), {}
     else:

@@ -24,7 +24,7 @@ from .metrics import LazyMetrics
 from .surface_arrays import SurfaceArrays, lone_arrays, make_surface_arrays, move_instances
 from .top_tree import TopTree
 from .tree_box import TreeBox
-from .trees import BRUTE, DeviceTrees, NewTree, WideArrays, check_layout
+from .trees import BRUTE, DeviceTrees, NewTree, WideArrays, check_layout, choose_layout
 
 if TYPE_CHECKING:
     from ...builders.options import BuildOptions
@@ -194,7 +194,7 @@ def open_world(
     if state.instance_count == 0:
         raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
     check_layout(layout)
-    chosen = BRUTE if bvhs is None else session.settings.layout if layout == "auto" else layout
+    chosen = BRUTE if bvhs is None else choose_layout(layout, session.info, session.settings.layout, state.shapes)
     new = [
         NewTree.without_nodes(shape) if bvhs is None else NewTree.make(session, shape, bvhs[geometry_id], chosen)
         for geometry_id, shape in enumerate(state.shapes)
