@@ -17,6 +17,12 @@
 #include "triangles/stored.cl"
 #endif
 
+// One bit for each lane to test.
+INLINED uint lanes_in(const leaf_t leaf)
+{
+    return (1u << lane_count(leaf)) - 1;
+}
+
 // A triangle's index is WIDTH * block + lane, in 32 bits without a sign.
 INLINED int triangle_index_of(const int block, const int lane)
 {
@@ -54,7 +60,7 @@ INLINED void intersect_block(
     search_t *search, const int query)
 {
     const leaf_t leaf = leaf_at(blocks, block);
-    for (int lane = 0; lane < triangles_in(leaf); lane++) {
+    for (int lane = 0; lane < lane_count(leaf); lane++) {
         const int triangle_index = triangle_index_of(block, lane);
         const corners_t corners = corners_at(blocks, triangle_index);
         intersect_corners(&corners, prim_id_of(leaf, lane), triangle_index, ray, search, query);

@@ -20,9 +20,10 @@ INLINED int triangles_in(const leaf_t leaf)
     return leaf[SHARED_HEADER - 1] >> 8 & 0xff;
 }
 
-INLINED uint lanes_in(const leaf_t leaf)
+// Lanes to test.
+INLINED int lane_count(const leaf_t leaf)
 {
-    return (1u << triangles_in(leaf)) - 1;
+    return triangles_in(leaf);
 }
 
 INLINED int next_block(const leaf_t leaf, const int block)

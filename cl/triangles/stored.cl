@@ -10,16 +10,15 @@ INLINED leaf_t leaf_at(const global block_t *blocks, const int block)
     return blocks + block;
 }
 
-// Lanes without a triangle come last.
 INLINED int triangles_in(const leaf_t leaf)
 {
     return count_prims(leaf->prim_id);
 }
 
-// One bit for each lane to test: all, since lanes without a triangle are NaN.
-INLINED uint lanes_in(const leaf_t leaf)
+// Lanes to test: all, since those without a triangle are NaN.
+INLINED int lane_count(const leaf_t leaf)
 {
-    return (1u << WIDTH) - 1;
+    return WIDTH;
 }
 
 INLINED int next_block(const leaf_t leaf, const int block)

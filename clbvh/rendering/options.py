@@ -25,8 +25,8 @@ class RenderOptions(TreeOptions):
     device : DeviceInfo, str, int or None
         A number, a part of a name, ``"gpu"`` or ``"cpu"``, see `choose_device`. By default a GPU, if there is one.
     layout : str
-        Layout of the tree on the device: ``"bvh2"``, ``"bvh4"``, ``"bvh8"``, or ``"auto"``: the one that suits the
-        device, but ``"bvh2"`` for the builder ``"frontier"``, because a wide layout would split its large leaves.
+        Layout of the tree on the device: ``"bvh2"``, ``"bvh4"``, ``"bvh8"``, ``"bvh8c"``, which takes half the memory,
+        or ``"auto"``: the one that suits the device and the size of the scene, but ``"bvh2"`` for the builder ``"frontier"``, because a wide layout would split its large leaves.
     validate : bool
         Check the tree, and compare a sample of the pixels with the slow reference.
 
