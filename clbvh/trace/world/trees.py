@@ -111,8 +111,8 @@ def choose_layout(layout: str, info: DeviceInfo, suited: str, shapes: Sequence[S
     if least > largest:
         advice = "take the layout bvh8c" if layout != COMPACT_LAYOUT else "cut the mesh by `clbvh shard`"
         raise DeviceError(
-            f"{count:,} triangles need a buffer of {least / 1e6:,.0f} MB or more in the layout {layout}, and the "
-            f"device '{info.name}' allocates {largest / 1e6:,.0f} MB at most: {advice}"
+            f"{count:,} triangles need a buffer of at least {least / 1e6:,.0f} MB in the layout {layout}, and the "
+            f"largest one of the device '{info.name}' has {largest / 1e6:,.0f} MB: {advice}"
         )
     return layout
 

@@ -1,9 +1,11 @@
 """What is uploaded for a tree, and what its kernels are compiled with."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from clbvh import ConfigError, build, make_shape
+from clbvh import ConfigError, DeviceError, build, make_shape
 from clbvh.structs import LAYOUT_WIDTHS, LAYOUTS, TRIANGLE
 
 from ....chain import make_chain
@@ -44,6 +46,24 @@ def test_a_tree_that_is_too_deep_and_unknown_layouts_are_refused(session):
     for layout in ("brute", "bvh3", ""):
         with pytest.raises(ConfigError, match=rf"one of auto, bvh2.*, not '{layout}'$"):
             open_mesh(session, *make_chain(3, "left"), layout)
+
+
+def test_large_scenes_get_the_compact_layout_and_what_fits_nowhere_is_refused(session):
+    mesh = make_shape("blobs", triangles=4000)
+    bvh = build(mesh)
+    for layout, per_triangle, expected in (
+        ("auto", 61, session.info.layout),
+        ("auto", 40, "bvh8c"),
+        ("auto", 14, "at least .* in the layout bvh8c, .*: cut the mesh by `clbvh shard`"),
+        ("bvh8", 39, "take the layout bvh8c"),
+    ):
+        with session.branch() as small:
+            small.info = replace(session.info, max_allocation_bytes=per_triangle * mesh.face_count)
+            if expected in LAYOUTS:
+                assert open_mesh(small, mesh, bvh, layout).layout == expected
+            else:
+                with pytest.raises(DeviceError, match=expected):
+                    open_mesh(small, mesh, bvh, layout)
 
 
 def test_without_a_tree_there_are_triangles_only(session, bvh):
