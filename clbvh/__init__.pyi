@@ -13,6 +13,7 @@ from .errors import (
     ConfigError as ConfigError,
     DeviceError as DeviceError,
     DeviceMemoryError as DeviceMemoryError,
+    DeviceWarning as DeviceWarning,
     FetchError as FetchError,
     InternalError as InternalError,
     KernelBuildError as KernelBuildError,

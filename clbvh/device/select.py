@@ -27,6 +27,8 @@ from .settings import find_settings
 
 DEVICE_VARIABLE = "CLBVH_DEVICE"
 
+ALL_DEVICES = "all"
+
 # The kinds that can be asked for, in the order of preference.
 KINDS = ("gpu", "accelerator", "cpu")
 
@@ -141,17 +143,18 @@ def list_devices() -> list[DeviceInfo]:
     return list(survey_devices().devices)
 
 
-def choose_device(spec: str | int | None = None) -> DeviceInfo:
+def choose_device(spec: Any = None) -> DeviceInfo:
     """Return the device to use.
 
     Parameters
     ----------
-    spec : str or int, optional
+    spec : str, int or pyopencl.Device, optional
         A number of `list_devices`; ``"gpu"``, ``"accelerator"`` or ``"cpu"``; a part of the name of a device or its
         platform, in upper or lower case; or both, as in ``"intel gpu"``. The maker of a processor, as in ``"intel"``,
         means that maker's driver or graphics card, not the processor under another driver. Without it the environment
         variable ``CLBVH_DEVICE`` decides, and without that the best device is taken: a GPU, else an accelerator, else a
-        CPU; of one kind the fastest that `clbvh tune` measured.
+        CPU; of one kind the fastest that `clbvh tune` measured. A `pyopencl.Device` may also be a part of one, as
+        `create_sub_devices` returns them.
 
     Raises
     ------
@@ -173,10 +176,57 @@ def choose_device(spec: str | int | None = None) -> DeviceInfo:
         spec = os.environ.get(DEVICE_VARIABLE, "").strip() or None
         asked_by = f" (asked for by {DEVICE_VARIABLE})" if spec is not None else ""
     survey = survey_devices()
+    cl = import_pyopencl()
+    if isinstance(spec, cl.Device):
+        known = next((device for device in survey.devices if device.cl_device == spec), None)
+        return known or _describe(cl, spec.platform, spec)
     if not survey.devices:
         reason = f" ({survey.problems[0]})" if survey.problems else ""
         raise DeviceError(f"no OpenCL device was found{reason}: run `clbvh doctor` to find the cause")
     return pick_device(survey.devices, spec, asked_by)
+
+
+def choose_devices(spec: Any) -> list[Any]:
+    """Return the devices of a `device` argument that may name several, or the argument itself where it names one.
+
+    Parameters
+    ----------
+    spec : DeviceInfo, str, int, pyopencl.Device or None, or a sequence of them
+        ``"all"`` stands for all GPUs; without any, for all accelerators; without these, for the CPU. Of several drivers
+        for the same hardware it takes the preferred one.
+
+    Raises
+    ------
+    DeviceError
+        As `choose_device` does, or the sequence is empty.
+    """
+    if isinstance(spec, str) and _simplify(spec) == ALL_DEVICES:
+        return _keep_distinct(list_devices()) or [choose_device()]
+    if not isinstance(spec, Sequence) or isinstance(spec, str):
+        return [spec]
+    if not spec:
+        raise DeviceError("the list of devices is empty: name one at least")
+    infos = [find_again(each) if isinstance(each, DeviceInfo) else choose_device(each) for each in spec]
+    return list({info.cl_device: info for info in infos}.values())  # one that is named twice works once
+
+
+def _keep_distinct(devices: Sequence[DeviceInfo]) -> list[DeviceInfo]:
+    """Return the usable devices of the preferred kind: a CPU beside GPUs has their host work to do.
+
+    Drivers name the same card in different ways, so the cards of one maker are those that its first driver lists.
+    """
+    usable = [device for device in devices if _is_usable(device)]
+    alike = [device for device in usable if device.kind == usable[0].kind]
+    if alike and alike[0].kind == "cpu":
+        return alike[:1]
+    drivers = {_maker(device): device.platform for device in reversed(alike)}
+    return [device for device in alike if device.platform == drivers[_maker(device)]]
+
+
+def _maker(device: DeviceInfo) -> str:
+    """Return the first word of the maker's name, one for all drivers."""
+    word = (_simplify(device.vendor).split() or [device.platform])[0].rstrip(",")
+    return "amd" if word == "advanced" else word
 
 
 def find_again(device: DeviceInfo) -> DeviceInfo:

@@ -12,13 +12,14 @@ from ..builders.build import leaf_limit
 from ..builders.options import MAX_DEPTH
 from ..builders.tree_cache import BuildResult, get_tree
 from ..bvh import Bvh, sah_cost, validate_tree
+from ..device.select import choose_devices
 from ..device.session import DeviceSession
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
 from ..geometry.corners import Bounded
 from ..scene.state import SceneState, dress_shapes
 from ..trace.hits.surface import Surface
-from ..trace.world.trees import BRUTE
+from ..trace.world.trees import BRUTE, check_fit
 from ..trace.world.world import World, open_world
 from .cameras.bounds import SceneBounds
 from .look_tables import Looks
@@ -82,7 +83,9 @@ class BuiltScene:
             self._build()
 
     def _build(self) -> None:
-        made = [get_tree(shape, self._options, self._options.device) for shape in self.state.shapes]
+        device = choose_devices(self._options.device)[0]
+        check_fit(device, self._options.chosen_layout, self.state.shapes)
+        made = [get_tree(shape, self._options, device) for shape in self.state.shapes]
         self.trees = tuple(each.bvh for each in made)
         self.made = BuildResult(
             made[0].bvh,

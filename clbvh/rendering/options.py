@@ -5,8 +5,9 @@ So it can be imported without numpy: layouts are imported when a choice is check
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..builders.tree_options import TreeOptions
 
@@ -22,11 +23,12 @@ class RenderOptions(TreeOptions):
     ----------
     builder, workers, build, cache
         See `TreeOptions`.
-    device : DeviceInfo, str, int or None
-        A number, a part of a name, ``"gpu"`` or ``"cpu"``, see `choose_device`. By default a GPU, if there is one.
+    device : DeviceInfo, str, int or None, or a sequence of them
+        A number, a part of a name, ``"gpu"``, ``"cpu"`` or ``"all"``, see `Tracer`. By default a GPU, if there is one.
     layout : str
         Layout of the tree on the device: ``"bvh2"``, ``"bvh4"``, ``"bvh8"``, ``"bvh8c"``, which takes half the memory,
-        or ``"auto"``: the one that suits the device and the size of the scene, but ``"bvh2"`` for the builder ``"frontier"``, because a wide layout would split its large leaves.
+        or ``"auto"``: the one that suits the device and the size of the scene, but ``"bvh2"`` for the builder
+        ``"frontier"``, because a wide layout would split its large leaves.
     validate : bool
         Check the tree, and compare a sample of the pixels with the slow reference.
 
@@ -37,7 +39,7 @@ class RenderOptions(TreeOptions):
     'bvh4'
     """
 
-    device: DeviceInfo | str | int | None = None
+    device: DeviceInfo | str | int | Sequence[Any] | None = None
     layout: str = "auto"
     validate: bool = False
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -21,11 +21,13 @@ from ..device.context import EventTimes
 from ..device.info import DeviceInfo
 from ..device.program import build_kernel
 from ..device.session import DeviceSession
-from ..errors import DeviceMemoryError, SceneError
+from ..errors import SceneError
 from ..structs import CELL_PIXELS, VIEW
 from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
-from ..trace.running_calls import CallMemory, MemoryLoan, RunningCalls
+from ..trace.launch import Call, Caster
+from ..trace.ranges import LEAST_RANGE, cast_ranges
+from ..trace.running_calls import CallMemory
 from ..trace.world.starts import AT_THE_ROOT, VIEW_KERNEL, find_entry_points
 from ..trace.world.world import World
 from .built_scene import BuiltScene
@@ -46,6 +48,9 @@ _CHANNELS = 4
 _COLOUR_BYTES = 2 * _CHANNELS - 1
 
 
+RowProgress = Callable[[float, int], object]
+
+
 class Band(NamedTuple):
     """Rows of a picture that are on the device together.
 
@@ -56,6 +61,8 @@ class Band(NamedTuple):
     width, height : int
         Of the whole picture, in pixels.
     first_row, row_count : int
+    report : function
+        Called with the share of the band's samples that are done; it raises where the picture is to end early.
     view, colours, hits : buffer
         The arguments of those names, see cl/kernels/render.cl.
     """
@@ -65,6 +72,7 @@ class Band(NamedTuple):
     height: int
     first_row: int
     row_count: int
+    report: Callable[[float], None]
     view: Any
     colours: Any
     hits: Any
@@ -96,23 +104,31 @@ class FrameRenderer:
     Parameters
     ----------
     session : DeviceSession
-        Closed with the calls.
+        Closed with the renderer.
     world : World
         In the same session.
+    others : sequence of (DeviceSession, World)
+        The same on other devices, which fill some of the rows.
 
     Attributes
     ----------
-    calls : RunningCalls
-        The pictures that are being rendered.
+    caster : Caster
+        Its calls are the pictures that are being rendered.
     """
 
-    def __init__(self, session: DeviceSession, world: World) -> None:
-        self.calls = RunningCalls(session, "renderer")
-        self._hit_dtype = world.hit_dtype
-        self._band_pixels = session.fit_items(world.hit_dtype.itemsize, BAND_PIXELS)
+    def __init__(
+        self, session: DeviceSession, world: World, others: Sequence[tuple[DeviceSession, World]] = ()
+    ) -> None:
+        first, *rest = (Caster(*each, "renderer") for each in ((session, world), *others))
+        self.caster = first.beside(rest)
 
     def render(
-        self, view: NDArray[np.void], painter: OneRayPainter | SamplePainter, times: EventTimes | None = None
+        self,
+        view: NDArray[np.void],
+        painter: OneRayPainter | SamplePainter,
+        times: EventTimes | None = None,
+        others: Mapping[DeviceSession, OneRayPainter | SamplePainter] | None = None,
+        on_rows: RowProgress | None = None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.void]]:
         """Return the colours and the hits of one view.
 
@@ -122,6 +138,10 @@ class FrameRenderer:
         painter : OneRayPainter or SamplePainter
         times : EventTimes, optional
             Collects the times of this picture's commands, instead of the session's.
+        others : mapping of DeviceSession to painter
+            The painters on the other devices.
+        on_rows : function, optional
+            Called with the number of rows that are done, or parts of them, and of all rows.
 
         Returns
         -------
@@ -135,49 +155,57 @@ class FrameRenderer:
             The tree is no longer on the device.
         DeviceError
             The device fails, or this process was forked from one that has used OpenCL.
+
+        Warns
+        -----
+        DeviceWarning
+            One of several devices has failed, and others did its work.
         """
         width, height = int(view["width"][0]), int(view["height"][0])
-        with MemoryLoan(self.calls) as loan:
-            memory = loan.memory
-            shared_times, memory.session.times = memory.session.times, times or memory.session.times
+        hit_dtype = self.caster.world.hit_dtype
+        check_memory(
+            f"a picture of {width} x {height}", width * height * (_COLOUR_BYTES + hit_dtype.itemsize), SceneError
+        )
+        colours, hits = np.empty((height, width, _CHANNELS), np.uint8), np.empty((height, width), hit_dtype)
+
+        def paint(call: Call, rows: range, on_rows: RowProgress | None) -> None:
+            own, session = (others or {}).get(call.caster.session, painter), call.session
+            row_bytes = max(1, own.pixel_bytes) * (width + _BORDER)
+            fitting = session.fit_items(row_bytes, _PAINTER_BYTES // row_bytes) - _BORDER
+            fitting = min(len(rows), session.fit_items(hit_dtype.itemsize, BAND_PIXELS) // width, fitting)
+            shared_times, session.times = session.times, times or session.times
             try:
-                pixel_bytes = _COLOUR_BYTES + self._hit_dtype.itemsize
-                check_memory(f"a picture of {width} x {height}", width * height * pixel_bytes, SceneError)
-                colours = np.empty((height, width, _CHANNELS), np.uint8)
-                hits = np.empty((height, width), self._hit_dtype)
-                row_bytes = max(1, painter.pixel_bytes) * (width + _BORDER)
-                fitting = memory.session.fit_items(row_bytes, _PAINTER_BYTES // row_bytes) - _BORDER
-                band_rows = min(height, max(1, min(self._band_pixels // width, fitting)))
-                while True:
-                    try:
-                        _render_bands(memory, view, painter, band_rows, colours, hits)
-                    except DeviceMemoryError:
-                        # Other programs and idle buffers of earlier pictures take memory of the device, too.
-                        if band_rows == 1:
-                            raise
-                        memory.release_buffers()
-                        self.calls.release_idle()
-                        band_rows //= 2
-                        self._band_pixels = band_rows * width
-                    else:
-                        return colours, hits
+                # Other programs take memory of the device, too: then bands are halved.
+                _render_bands(call, view, own, rows, max(1, fitting >> call.caster.halvings), colours, hits, on_rows)
             finally:
-                memory.session.times = shared_times
+                session.times = shared_times
+
+        tile_rows = max(each.session.settings.tile[1] for each in self.caster.all)
+        least = max(1, LEAST_RANGE // width)
+        cast_ranges(self.caster, height, paint, on_rows, least=least, find_step=lambda: tile_rows)  # type: ignore[arg-type]
+        return colours, hits
 
 
 def _render_bands(
-    memory: CallMemory, view: NDArray[np.void], painter: Any, band_rows: int, colours: NDArray[Any], hits: NDArray[Any]
-) -> None:
-    """Fill the colours and the hits, this many rows at a time."""
-    session, (height, width) = memory.session, hits.shape
+    call: Call, view: NDArray[np.void], painter: Any, rows: range, band_rows: int, colours: NDArray[Any],
+    hits: NDArray[Any], on_rows: RowProgress | None,
+) -> None:  # fmt: skip
+    """Fill rows of the colours and the hits, this many at a time."""
+    session, memory, (height, width) = call.session, call.memory, hits.shape
     sizes = {"view": VIEW.itemsize, "colours": band_rows * width * _CHANNELS, "hits": band_rows * width * hits.itemsize}
     buffers = {name: memory.buffer(name, for_mapping=False).take(size) for name, size in sizes.items()}
     session.write(buffers["view"], view)
-    for first_row in range(0, height, band_rows):
-        rows = slice(first_row, min(first_row + band_rows, height))
-        painter.paint(Band(memory, width, height, first_row, rows.stop - first_row, **buffers))
-        session.download(buffers["colours"], colours[rows])
-        session.download(buffers["hits"], hits[rows])
+    for first_row in range(rows.start, rows.stop, band_rows):
+        end = min(first_row + band_rows, rows.stop)
+
+        def report(share: float, first_row: int = first_row, end: int = end) -> None:
+            call.check_stopped()
+            if on_rows is not None:
+                on_rows(first_row + (end - first_row) * share, height)
+
+        painter.paint(Band(memory, width, height, first_row, end - first_row, report, **buffers))
+        session.download(buffers["colours"], colours[first_row:end])
+        session.download(buffers["hits"], hits[first_row:end])
 
 
 # Macros of kernels for views without a cut and without lines.
@@ -281,22 +309,24 @@ class Progress:
         Of each pixel, to be taken.
     time_limit_s : float
         No further samples are begun after it; each pixel gets one at least. Bands share it by their rows.
-    on_samples : function
-        Called with the samples taken so far and those to be taken, summed over all pixels.
     is_stopped : function
         Asked after each launch; if it returns True, no further samples are taken.
-    taken : int
-        Samples of each pixel that were taken; of a picture in several bands, those of the band with the fewest.
+    of_bands : dict of int to int
+        Samples of each pixel that were taken, by the first row of the band.
     film : (height, width, 4) float32, or None
         Is filled with the means of the samples: linear red, green and blue, and the share that is covered.
     """
 
     samples: int
     time_limit_s: float = np.inf
-    on_samples: Callable[[int, int], None] = lambda done, total: None
     is_stopped: Callable[[], bool] = lambda: False
-    taken: int = 0
+    of_bands: dict[int, int] = field(default_factory=dict)
     film: NDArray[np.float32] | None = None
+
+    @property
+    def taken(self) -> int:
+        """Samples of each pixel that were taken; of a picture in several bands, those of the band with the fewest."""
+        return min(self.of_bands.values(), default=1)
 
 
 class _SampleShading:
@@ -370,7 +400,7 @@ class SamplePainter:
             shading.develop, size, shading.tile, film=film, row_count=np.int32(band.row_count),
             sample_count=np.int32(taken), view=band.view, colours=band.colours,
         )  # fmt: skip
-        self.progress.taken = taken if band.first_row == 0 else min(taken, self.progress.taken)
+        self.progress.of_bands[band.first_row] = taken
         if (kept := self.progress.film) is not None:
             rows_of_film = kept[band.first_row : band.first_row + band.row_count]
             band.memory.session.download(film, rows_of_film)
@@ -380,7 +410,6 @@ class SamplePainter:
         """Add samples to the film, with this many work-items; return how many of each pixel."""
         progress = self.progress
         first, count = 0, min(_LEAST_SAMPLES, progress.samples)
-        pixels, done = band.width * band.height, band.width * band.first_row
         end_s = self.begin + progress.time_limit_s * (band.first_row + band.row_count) / band.height
         while True:
             begin = time.perf_counter()
@@ -389,8 +418,7 @@ class SamplePainter:
             band.memory.session.finish()
             now = time.perf_counter()
             first += count
-            taken = done * progress.samples + band.width * band.row_count * first
-            progress.on_samples(taken, pixels * progress.samples)
+            band.report(first / progress.samples)
             if first >= progress.samples or progress.is_stopped() or now > end_s:
                 return first
             fitting = int(_LAUNCH_S * count / max(now - begin, 1e-9)) // _LEAST_SAMPLES * _LEAST_SAMPLES
@@ -436,7 +464,6 @@ class Painters:
         parts = {"HAS_CUT": int(view.cut is not None), "HAS_WIREFRAME": int(view.wireframe is not None)}
         with self._lock:
             if view.shading in REPORT_SHADINGS:
-                progress.taken = 1
                 make = partial(OneRayPainter, self._session, self._world, None, self._scene.looks.colours, parts)
                 return self._keep(("one ray", *parts.values()), make)
             is_path = view.shading == "path"

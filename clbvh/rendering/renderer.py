@@ -19,6 +19,7 @@ from ..bvh import Bvh
 from ..choices import DEFAULT_CHANNELS, REPORT_SHADINGS, STANDARD_VIEWS
 from ..device.context import EventTimes
 from ..device.info import DeviceInfo
+from ..device.select import choose_devices
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
 from ..scene.handles import shorten
@@ -45,7 +46,7 @@ _FILM_BYTES = 16
 
 
 class Renderer(ContextManager):
-    """Renders pictures of one scene on one device; a context manager.
+    """Renders pictures of one scene on one device, or on several; a context manager.
 
     Meshes, trees and kernels are made once; each picture then costs its kernel and the transfer from the
     device. Any number of threads may use one renderer. A child that was forked cannot: its pictures raise
@@ -136,17 +137,20 @@ class Renderer(ContextManager):
         with ExitStack() as on_failure:
             # A wrong setting is found before any work.
             guessed = (view or View()).changed(**changes)
+            devices = choose_devices(self._options.device)
             # Side by side: a driver starts, and loads what it has compiled, without Python's lock.
-            _, session = side_by_side(make_world, partial(open_session, self._options.device, guessed.shading))
-            on_failure.push(session)
+            _, *sessions = side_by_side(make_world, *(partial(open_session, each, guessed.shading) for each in devices))
+            for each in sessions:
+                on_failure.push(each)
             watch.lap("open")
-            self._world = self._built.put(session)
-            self._frames = FrameRenderer(session, self._world)
-            self._painters = Painters(session, self._world, self._built)
+            worlds = [(each, self._built.put(each)) for each in sessions]
+            self._frames = FrameRenderer(*worlds[0], worlds[1:])
+            self._painters = {each: Painters(each, world, self._built) for each, world in worlds}
             watch.lap("layout")
             # So that the first picture takes no longer than the others.
-            self._painters.painter(self.view, np.zeros(1, VIEW), Progress(1))
-            upload_ms = session.times.sums_ms()["upload"]
+            for painters in self._painters.values():
+                painters.painter(self.view, np.zeros(1, VIEW), Progress(1))
+            upload_ms = sum(each.times.sums_ms()["upload"] for each in sessions)
             watch.lap("compile")
             laps_ms, made = watch.laps_ms, self._built.made
             phases_ms = {
@@ -164,7 +168,6 @@ class Renderer(ContextManager):
                 enter("validate")
                 self._built.validate()
             on_failure.pop_all()
-        self._session = session
 
     def render(
         self,
@@ -189,7 +192,8 @@ class Renderer(ContextManager):
         on_samples : function, optional
             Called with the samples that are done, and that all pixels are to get, after each launch of the kernel.
         is_stopped : function, optional
-            Asked after each launch; if it returns True, the picture shows the samples taken so far.
+            Asked after each launch, by the threads of several devices; if it returns True, the picture shows the
+            samples taken so far.
         keeps_film : bool
             Whether the picture keeps the linear colours of its samples, see `Picture.film`.
         on_phase : function, optional
@@ -237,7 +241,7 @@ class Renderer(ContextManager):
         has_end = time_limit_s is None or view.samples is not None
         limit_s = np.inf if time_limit_s is None else float(time_limit_s)
         count = view.sample_count if has_end else MAX_SAMPLES
-        progress = Progress(count, limit_s, on_samples or _ignore, is_stopped or bool)
+        progress, pixel_samples = Progress(count, limit_s, is_stopped or bool), view.width * count
         if keeps_film and view.shading not in REPORT_SHADINGS:
             check_memory("the film of the picture", view.width * view.height * _FILM_BYTES, SceneError)
             progress.film = np.empty((view.height, view.width, 4), np.float32)
@@ -245,8 +249,14 @@ class Renderer(ContextManager):
         built, space, ground = self._built, self._built.space, self._finder.ground(view, camera)
         boxes = built.bounds.box_in(space), ground, self._finder.bounds(view).box_in(space)
         described = make_kernel_view(view, camera, space, *boxes, is_studio_lit)
-        painter = self._painters.painter(view, described, progress)
-        colours, found = self._frames.render(described, painter, times)
+        sessions = [each.session for each in self._frames.caster.working]
+        painters = {each: self._painters[each].painter(view, described, progress) for each in sessions}
+
+        def show(rows: float, height: int) -> None:
+            if on_samples is not None:
+                on_samples(round(rows * pixel_samples), height * pixel_samples)
+
+        colours, found = self._frames.render(described, next(iter(painters.values())), times, painters, show)
         rgb = np.empty((*found.shape, 3), np.uint8)
         for channel in range(3):  # 14 times as fast as colours[..., :3].copy()
             rgb[..., channel] = colours[..., channel]
@@ -315,23 +325,28 @@ class Renderer(ContextManager):
 
     @property
     def device(self) -> DeviceInfo:
-        """The device that the tree is on."""
-        return self._session.info
+        """The device that the tree is on; of several the first."""
+        return self.devices[0]
+
+    @property
+    def devices(self) -> tuple[DeviceInfo, ...]:
+        """The devices that the tree is on, without those that have failed."""
+        return tuple(each.session.info for each in self._frames.caster.working)
 
     @property
     def layout(self) -> str:
         """The layout of the tree on the device."""
-        return self._world.layout
+        return self._frames.caster.world.layout
 
     @property
     def memory_bytes(self) -> int:
-        """Device memory that the tree and the triangles take."""
-        return self._world.memory_bytes
+        """Memory of all devices that the tree and the triangles take."""
+        return sum(each.world.memory_bytes for each in self._frames.caster.all)
 
     @property
     def is_closed(self) -> bool:
         """Whether the renderer makes no more pictures."""
-        return self._frames.calls.is_closed
+        return self._frames.caster.calls.is_closed
 
     def close(self) -> None:
         """Give the device's memory back. Closing twice is allowed.
@@ -346,7 +361,7 @@ class Renderer(ContextManager):
         >>> renderer.is_closed
         True
         """
-        self._frames.calls.close()
+        self._frames.caster.close()
 
     def __repr__(self) -> str:
         return f"Renderer({self._built.name!r}, device={self.device.name!r}, layout={self.layout!r})"

@@ -7,14 +7,13 @@ else is remembered from one call to the next, so calls of several threads do not
 
 from __future__ import annotations
 
-import functools
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from copy import copy
-from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +22,12 @@ from ..device.context import Kernel
 from ..device.program import build_kernel
 from ..device.radix_sort import sort_pairs
 from ..device.session import DeviceSession
-from ..errors import DeviceMemoryError
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads
 from .running_calls import MemoryLoan, RunningCalls
 from .world.trees import WideArrays
 from .world.world import World
 
-_Rest = ParamSpec("_Rest")
 _Result = TypeVar("_Result")
 
 
@@ -108,22 +105,51 @@ class Caster(ContextManager):
     session : DeviceSession
         Closed with the caster.
     world : World
+    owner : str
+        Name of the object that the user closes, for messages.
+
+    Attributes
+    ----------
+    others : tuple of Caster
+        The same world on other devices. They are replaced together with this one, so that a query sees one state.
+    lost : set of DeviceSession
+        Of the devices that have failed; shared with the casters at other worlds.
     """
 
-    def __init__(self, session: DeviceSession, world: World) -> None:
+    def __init__(self, session: DeviceSession, world: World, owner: str = "tracer") -> None:
         self.session = session
         self.world = world
         self.threads = HostThreads()
-        self.calls = RunningCalls(session)
+        self.calls = RunningCalls(session, owner)
         self._kernels: dict[tuple[Any, ...], Kernel] = {}
         self._lock = threading.Lock()
         self.halvings = 0  # of the usual batch, since the device did not hold it
+        self.others: tuple[Caster, ...] = ()
+        self.lost: set[DeviceSession] = set()
 
     def at(self, world: World) -> Caster:
         """Return a caster at another world, which shares all else with this one."""
         caster = copy(self)
         caster.world = world
         return caster
+
+    def beside(self, others: Iterable[Caster]) -> Caster:
+        """Return this caster with the same world on other devices, which share its threads on the host."""
+        caster = copy(self)
+        caster.others = tuple(copy(each) for each in others)  # queries at work still use these
+        for each in caster.others:
+            each.others, each.threads, each.lost = (), caster.threads, caster.lost
+        return caster
+
+    @property
+    def all(self) -> list[Caster]:
+        """The casters on all devices, also on those that have failed."""
+        return [self, *self.others]
+
+    @property
+    def working(self) -> list[Caster]:
+        """The casters on devices that have not failed; at least one."""
+        return [each for each in self.all if each.session not in self.lost] or [self]
 
     def open_call(self) -> Call:
         """Return a call to use in a `with` block, which has memory of its own for as long as the block lasts.
@@ -160,25 +186,39 @@ class Caster(ContextManager):
         return self._kernels[key]
 
     def close(self) -> None:
-        """Give the device's memory back, after the calls of other threads have ended."""
-        self.calls.close()
+        """Give the memory of all devices back, after the calls of other threads have ended."""
+        for each in self.all:
+            each.calls.close()
         self.threads.close()
 
     def release(self) -> None:
         """Give back the memory of calls that have ended; the world stays."""
         self.threads.close()
-        self.calls.release_idle()
+        for each in self.all:
+            each.calls.release_idle()
 
 
 class Call(MemoryLoan):
     """One query at work: it fills buffers and launches kernels, and holds its memory until it ends.
 
     A buffer holds one batch, and one batch's results, at a time: a batch is cast before the next one is put there.
+
+    Attributes
+    ----------
+    check_stopped : function
+        Called before each launch; it raises where the query is to end early.
     """
 
     def __init__(self, caster: Caster) -> None:
         super().__init__(caster.calls)
         self.caster, self.world, self.threads = caster, caster.world, caster.threads
+        self.check_stopped: Callable[[], object] = bool
+
+    def at(self, world: World) -> Call:
+        """Return this call at another world on the same device."""
+        call = copy(self)
+        call.world = world
+        return call
 
     @property
     def session(self) -> DeviceSession:
@@ -262,6 +302,7 @@ class Call(MemoryLoan):
         **arguments
             The kernel's own arguments, by name.
         """
+        self.check_stopped()
         dtype, count = query.dtype or self.world.hit_dtype, batch.item_count * results_per_item
         results = self.take("results", count * dtype.itemsize, for_mapping=True)
         self.session.run(
@@ -277,25 +318,3 @@ class Call(MemoryLoan):
         result = task(*arguments)
         self.session.times.add("kernel", (time.perf_counter() - begin) * _MS_PER_S)
         return result
-
-
-def cut_smaller_when_full(
-    query: Callable[Concatenate[Caster, _Rest], _Result],
-) -> Callable[Concatenate[Caster, _Rest], _Result]:
-    """Decorate a query that takes a `Caster` first and can begin again: it does so while its pieces can be halved.
-
-    Whether a batch fits is known only when the driver refuses it: other programs use the same memory. The pieces stay
-    small for later queries of the caster. The user's progress begins again, too.
-    """
-
-    @functools.wraps(query)
-    def ask(caster: Caster, /, *arguments: _Rest.args, **named: _Rest.kwargs) -> _Result:
-        while True:
-            tried = caster.halvings
-            try:
-                return query(caster, *arguments, **named)
-            except DeviceMemoryError:
-                if not caster.cut_smaller(tried):
-                    raise
-
-    return ask

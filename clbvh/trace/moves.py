@@ -6,18 +6,21 @@ How trees follow is in `world/changes.py`.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
+from typing import Any
 
 from numpy.typing import ArrayLike
 
 from ..bvh import Bvh
+from ..device.session import DeviceSession
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh, Shape, Spheres
 from ..layouts.device_mesh import move_mesh
 from ..scene.handles import Geometry, Instance
 from ..support.context_manager import ContextManager
 from .launch import Call, Caster
+from .ranges import leave_out, try_devices
 from .world.changes import Changes
 from .world.world import World
 
@@ -27,7 +30,7 @@ class Moves(ContextManager):
 
     # Each query reads it once, because a move replaces it.
     _caster: Caster
-    _changes: Changes
+    _changes_on: dict[DeviceSession, Changes]
     # Held by a move, so that two of them do not write at the same time.
     _updating: threading.Lock
 
@@ -76,9 +79,9 @@ class Moves(ContextManager):
         """
         if self._caster.world.mesh is None:
             raise ConfigError("a tracer of a scene moves one geometry: call set_vertices(geometry, vertices)")
-        with self._changing() as (call, world):
+        with self._changing() as (call, _):
             mesh = move_mesh(self.mesh, vertices, call.session)
-            self._use(self._changes.set_shape(world, 0, mesh, call.session))
+            self._change(call, Changes.set_shape, 0, mesh)
 
     def set_transforms(self, instances: Instance | int | Iterable[Instance | int], transforms: ArrayLike) -> None:
         """Move instances of a scene: only the tree over the instances is built anew.
@@ -116,8 +119,9 @@ class Moves(ContextManager):
         ...     before, tracer.any_hit([[0, 0, 5], [9, 0, 5]], [[0, 0, -1], [0, 0, -1]])
         (array([ True]), array([False,  True]))
         """
-        with self._changing() as (call, world):
-            self._use(self._changes.set_transforms(world, instances, transforms, call.session))
+        with self._changing() as (call, _):
+            ids = self._changes.find_instances(instances)
+            self._change(call, Changes.set_transforms, ids, transforms)
 
     def set_vertices(self, geometry: Geometry, vertices: ArrayLike) -> None:
         """Move the vertices of a geometry of a scene: its tree is refitted, or built anew where that pays.
@@ -161,7 +165,7 @@ class Moves(ContextManager):
                 moved: Shape = shape.with_spheres(vertices)
             else:
                 moved = move_mesh(shape, vertices, call.session)
-            self._use(self._changes.set_shape(world, geometry_id, moved, call.session))
+            self._change(call, Changes.set_shape, geometry_id, moved)
 
     @property
     def mesh(self) -> Mesh:
@@ -243,17 +247,40 @@ class Moves(ContextManager):
             if not isinstance(shape, Spheres):
                 raise SceneError(f"{geometry!r} is a mesh and has no spheres: call set_vertices(geometry, vertices)")
             moved = shape.with_spheres(centres, radii)
-            self._use(self._changes.set_shape(world, geometry_id, moved, call.session))
+            self._change(call, Changes.set_shape, geometry_id, moved)
+
+    @property
+    def _changes(self) -> Changes:
+        """The changes of the first device that works."""
+        return self._changes_on[self._caster.working[0].session]
 
     @contextmanager
     def _changing(self) -> Iterator[tuple[Call, World]]:
-        """Give memory for a change, and the newest world, while no other change is at work."""
-        with self._caster.open_call() as call, self._updating:
-            yield call, self._caster.world
+        """Give memory on the first device for a change, and the newest world, while no other change is at work."""
+        with self._caster.working[0].open_call() as call, self._updating:
+            yield call, self._caster.working[0].world
 
-    def _use(self, moved: World) -> None:
-        """Let later queries see a changed world."""
-        before = self._caster.world
-        self._caster = self._caster.at(moved)
+    def _change(self, call: Call, change: Callable[..., World], *arguments: Any) -> None:
+        """Change the world of each device, side by side, and let later queries see all of them at once.
+
+        Parameters
+        ----------
+        call : Call
+            Of `_changing`.
+        change : function
+            Called with the `Changes` of a device, its world, the arguments, and a session of this thread.
+        """
+        before = self._caster
+
+        def move(device: Caster) -> tuple[Caster, World]:
+            with nullcontext(call) if device.session is call.caster.session else device.open_call() as own:
+                return device, change(self._changes_on[device.session], device.world, *arguments, own.session)
+
+        moved, failed = try_devices(before.working, move)
+        lost = [each for each in before.all if each not in [device for device, _ in moved]]
+        first, *others = [device.at(world) for device, world in moved]
+        self._caster = first.beside([*others, *lost])
         # Not earlier: after Ctrl-C the buffers of the world that stays would be written by the next change.
-        self._changes.retire(before, moved)
+        for device, world in moved:
+            self._changes_on[device.session].retire(device.world, world)
+        leave_out(self._caster, dict(failed))

@@ -29,15 +29,16 @@ _ROUNDING_ROOM = 1 - 2.0**-10
 
 
 def cut_batch(
-    call: Call, batch: RayBatch, shape: tuple[int, ...] = (), *, most_rays: int = 0, progress: Progress | None = None
-) -> Iterator[RayPiece]:
+    call: Call, batch: RayBatch, shape: tuple[int, ...] = (), *, part: range | None = None, most_rays: int = 0,
+    progress: Progress | None = None,
+) -> Iterator[RayPiece]:  # fmt: skip
     """Yield the pieces in which a call casts a batch of rays; see `pieces.cut_rays`."""
     world = call.world
     is_small = world.memory_bytes <= MOST_SAMPLED_BYTES
     return cut_rays(
         batch, world.box, call.order_by_keys, shape=shape, tile_rows=call.session.settings.tile[1],
         finds_pictures=world.has_entry_points, chunk_limit=call.fit(PACKED_RAY, CHUNK_RAYS), most_rays=most_rays,
-        count_steps=partial(_count_steps, world) if is_small else None, progress=progress,
+        part=part, count_steps=partial(_count_steps, world) if is_small else None, progress=progress,
     )  # fmt: skip
 
 

@@ -6,19 +6,22 @@ Its queries are in `ray_queries` and `point_queries`, its changes in `moves`.
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
+from ..device.select import choose_devices
 from ..geometry import Mesh, MeshLike
 from ..layouts.device_mesh import open_session, take_mesh
 from ..scene.scene import Scene
 from ..scene.state import SceneState
 from .launch import Caster
 from .point_queries import PointQueries
+from .ranges import try_devices, warn_of_failure
 from .ray_queries import RayQueries
 from .world.changes import Changes
-from .world.trees import check_layout
+from .world.trees import check_fit, check_layout
 from .world.world import open_world
 
 if TYPE_CHECKING:
@@ -27,9 +30,12 @@ if TYPE_CHECKING:
 Traceable: TypeAlias = Scene | Bvh | MeshLike
 """Anything that rays can be cast at: a `Scene`, a `Bvh`, or a `MeshLike`."""
 
+Devices: TypeAlias = DeviceInfo | str | int | Sequence[Any] | None
+"""A device, or several: see `Tracer`."""
+
 
 class Tracer(RayQueries, PointQueries):
-    """Casts rays at one mesh or scene on one device; a context manager.
+    """Casts rays at one mesh or scene on one device, or on several; a context manager.
 
     Any number of threads may use one tracer. A child that was forked cannot: its queries raise `DeviceError`, and
     closing the tracer there changes nothing.
@@ -40,8 +46,10 @@ class Tracer(RayQueries, PointQueries):
         A scene as it is now; a tree; or a mesh. Trees are built in this process, as `clbvh.build` does. A path names a
         mesh file. Vertices and faces may be a `pyopencl.array.Array`, float32 or float64, and int32: with the quality
         ``"fast"`` they stay on their device, where the tracer then is; see `clbvh.build`.
-    device : DeviceInfo, str, int or None
-        The device: a number, part of its name, ``"gpu"`` or ``"cpu"``; by default a GPU, if there is one.
+    device : DeviceInfo, str, int, pyopencl.Device or None, or a sequence of them
+        The device: a number, part of its name, ``"gpu"`` or ``"cpu"``; by default a GPU, if there is one. ``"all"``
+        stands for all GPUs, under one driver each; a CPU beside them is left to the work on the host. Without a GPU it
+        stands for the accelerators, without these for the CPU, under its preferred driver. Name others in a list.
     layout : str
         ``"auto"``, ``"bvh2"``, ``"bvh4"`` or ``"bvh8"``.
     quality : str
@@ -70,29 +78,44 @@ class Tracer(RayQueries, PointQueries):
         self,
         source: Traceable,
         *,
-        device: DeviceInfo | str | int | None = None,
+        device: Devices = None,
         layout: str = "auto",
         quality: str = "default",
     ) -> None:
         check_layout(layout)
-        mesh = None if isinstance(source, Scene) else _find_mesh(source, device)
+        devices = choose_devices(device)
+        mesh = None if isinstance(source, Scene) else _find_mesh(source, devices[0])
         scene = source if isinstance(source, Scene) else Scene(mesh)
         state = scene.snapshot()
+        check_fit(devices[0], layout, state.shapes)
         # A tree on the device is built once that is open.
         plans = [source] if isinstance(source, Bvh) else _plan_trees(state, quality)
-        session = open_session(mesh, device)
-        try:
-            self._caster = Caster(session, open_world(session, state, plans, layout))
-        except BaseException:
-            session.close()
-            raise
-        self._changes = Changes(scene, state, source if isinstance(source, Bvh) else quality)
+
+        def open_caster(device: DeviceInfo | str | int | None) -> Caster:
+            session = open_session(mesh, device)
+            try:
+                return Caster(session, open_world(session, state, plans, layout))
+            except BaseException:
+                session.close()
+                raise
+
+        (first, *others), failed = try_devices(devices, open_caster)
+        for info, error in failed:
+            warn_of_failure(info.name, error)
+        self._caster = first.beside(others)
+        tree = source if isinstance(source, Bvh) else quality
+        self._changes_on = {each.session: Changes(scene, state, tree) for each in self._caster.all}
         self._updating = threading.Lock()
 
     @property
     def device(self) -> DeviceInfo:
-        """The device that the tree is on."""
-        return self._caster.session.info
+        """The device that the tree is on; of several the first, which casts few rays alone."""
+        return self.devices[0]
+
+    @property
+    def devices(self) -> tuple[DeviceInfo, ...]:
+        """The devices that the tree is on, without those that have failed."""
+        return tuple(each.session.info for each in self._caster.working)
 
     @property
     def context(self) -> Any:
@@ -106,16 +129,18 @@ class Tracer(RayQueries, PointQueries):
 
     @property
     def memory_bytes(self) -> int:
-        """Device memory that trees, primitives and instances take; the first `update` of a mesh doubles it."""
-        return self._caster.world.memory_bytes + self._changes.memory_bytes
+        """Memory of all devices for trees, primitives and instances; the first `update` of a mesh doubles it."""
+        worlds = sum(each.world.memory_bytes for each in self._caster.all)
+        return worlds + sum(changes.memory_bytes for changes in self._changes_on.values())
 
     @property
     def timings_ms(self) -> dict[str, float]:
-        """Milliseconds on the device so far, in all threads: upload, kernel, download.
+        """Milliseconds on the device so far, in all threads: upload, kernel, download; of several, their sum.
 
         Few rays that the host casts itself count as kernels.
         """
-        return self._caster.session.times.sums_ms()
+        sums = [each.session.times.sums_ms() for each in self._caster.all]
+        return {label: sum(own.get(label, 0.0) for own in sums) for each in sums for label in each}
 
     @property
     def is_closed(self) -> bool:

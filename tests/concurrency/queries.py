@@ -23,9 +23,9 @@ def make_queries(mesh, sizes, seed):
     return [queries[index] for index in generator.permutation(len(queries))]
 
 
-def ask(tracer, kind, arguments):
+def ask(tracer, kind, arguments, **options):
     """Return the answer to a query, as bytes."""
-    answer = getattr(tracer, kind)(*arguments)
+    answer = getattr(tracer, kind)(*arguments, **options)
     if is_dataclass(answer):
         answer = [getattr(answer, name) for name in ("t", "u", "v", "prim_id", "instance_id", "offsets", "distance",
                                                   "point") if hasattr(answer, name)]  # fmt: skip

@@ -102,8 +102,8 @@ def test_pixels_depend_neither_on_trees_nor_on_layouts_nor_on_bands(renderer, so
 
 
 def test_every_pixel_of_a_small_picture_is_validated_and_a_wrong_one_found(source, monkeypatch):
-    def render_wrongly(self, view, painter, times=None):
-        colours, hits = render_rightly(self, view, painter, times)
+    def render_wrongly(*arguments):
+        colours, hits = render_rightly(*arguments)
         hits["prim_id"][20, 16] = 3
         return colours, hits
 

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from ...structs import HIT_PRIM_ID, NO_PRIM
 from ...support.compiled import compiled
 from ...support.loop_functions import prefetch
-from ..launch import Call, Caster, Query, cut_smaller_when_full
+from ..launch import Call, Caster, Query
 from ..put_rays import cut_batch, put_rays
+from ..ranges import cast_rays
 from ..rays.batch import RayBatch, check_room
 from ..rays.pieces import Progress, RayPiece
 from ..world.surface_arrays import SurfaceArrays
@@ -86,45 +87,56 @@ class _Search:
     segments: list[NDArray[np.int64]] = field(default_factory=list)
 
 
-@cut_smaller_when_full
 def find_crossings(
     caster: Caster, batch: RayBatch, shape: tuple[int, ...], max_hits: int | None, progress: Progress | None
 ) -> Crossings:
     """Return the crossings of each ray, the nearest `max_hits` at most."""
     count = batch.ray_count
     check_room(count, _RAY_BYTES)
-    with caster.open_call() as call:
-        search = _Search(call, max_hits, progress, np.zeros(count, np.int32), np.zeros(count, np.int64))
-        # One slot more than a ray can have crossings is never taken.
-        most_slots = caster.world.most_hits + 1
-        rays, ray_ids, slots = batch, None, min(FIRST_SLOTS, most_slots)
-        while rays.ray_count > 0:
-            crowded = _search_round(search, rays, ray_ids, shape, slots)
-            # Only the first round has the shape of a picture, and the user's progress.
-            rays, ray_ids, shape, search.progress = batch.take(crowded), crowded, (len(crowded),), None
-            slots = min(slots * SLOT_GROWTH, most_slots)
+    counts, sources = np.zeros(count, np.int32), np.zeros(count, np.int64)
+    found_in: dict[range, list[NDArray[np.int64]]] = {}
 
-    segment_begins = running_sums(np.array([len(segment) for segment in search.segments], np.int64))
+    def cast(call: Call, part: range, progress: Progress | None) -> None:
+        search = _Search(call, max_hits, progress, counts, sources)
+        # One slot more than a ray can have crossings is never taken.
+        most_slots = call.world.most_hits + 1
+        slots = min(FIRST_SLOTS, most_slots)
+        crowded = _search_round(search, batch, None, shape, slots, part)
+        # Only the first round has the shape of a picture, and the user's progress.
+        search.progress = None
+        while len(crowded) > 0:
+            slots = min(slots * SLOT_GROWTH, most_slots)
+            crowded = _search_round(search, batch.take(crowded), crowded, (len(crowded),), slots, range(len(crowded)))
+        found_in[part] = search.segments
+
+    cast_rays(caster, batch, shape, cast, progress)
+    segments: list[NDArray[np.int64]] = []
+    for part in sorted(found_in, key=lambda each: each.start):
+        if segments:
+            sources[part.start : part.stop] += len(segments) << OFFSET_BITS
+        segments += found_in[part]
+
+    segment_begins = running_sums(np.array([len(segment) for segment in segments], np.int64))
     found = np.empty((segment_begins[-1], caster.world.hit_dtype.itemsize // 8), np.int64)
 
     def join(begin: int, segment: NDArray[np.int64]) -> None:
         found[begin : begin + len(segment)] = segment
 
-    caster.threads.run(join, list(zip(segment_begins[:-1].tolist(), search.segments, strict=True)))
-    return Crossings(search.counts, search.sources, segment_begins, found.view(np.float32))
+    caster.threads.run(join, list(zip(segment_begins[:-1].tolist(), segments, strict=True)))
+    return Crossings(counts, sources, segment_begins, found.view(np.float32))
 
 
 def _search_round(
-    search: _Search, batch: RayBatch, ray_ids: NDArray[np.int64] | None, shape: tuple[int, ...], slots: int
+    search: _Search, batch: RayBatch, ray_ids: NDArray[np.int64] | None, shape: tuple[int, ...], slots: int, part: range
 ) -> NDArray[np.int64]:
-    """Find the nearest crossings of rays, and return the indices of those whose slots are all taken.
+    """Find the nearest crossings of a part of a batch, and return the indices of rays whose slots are all taken.
 
-    `ray_ids` are the indices of the rays among the user's; None for all of them.
+    `ray_ids` are the indices of the rays among the user's; None where they are the user's.
     """
     call, wanted = search.call, slots if search.max_hits is None else min(slots, search.max_hits)
     most_rays = max(1, call.fit(call.world.hit_dtype, MOST_SLOTS) // wanted)
     crowded = [np.empty(0, np.int64)]
-    for piece in cut_batch(call, batch, shape, most_rays=most_rays, progress=search.progress):
+    for piece in cut_batch(call, batch, shape, part=part, most_rays=most_rays, progress=search.progress):
         packed = put_rays(call, batch, piece, in_ray_order=False)
         with call.cast(FIRST_HITS, packed, results_per_item=wanted, slots=np.int32(wanted)) as kept:
             crowded += _compact_piece(

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from ...structs import PACKED_RAY_LANES, STEPS
 from ...support.compiled import compiled
 from ..host.walk import FIELD_COUNT, cast_on_host, walk
-from ..launch import Caster, Query, cut_smaller_when_full, device_casts_all
+from ..launch import Call, Caster, Query, device_casts_all
 from ..put_rays import cut_batch, put_rays
+from ..ranges import cast_rays
 from ..rays.batch import RayBatch, check_room, read_rays
 from ..rays.pack import ALL_GOOD, NO_LOWS, explain_bad_ray, write_packed
 from ..rays.pieces import Progress
@@ -37,22 +38,25 @@ NO_LIMIT = np.iinfo(np.int32).max
 _HIT_BYTES = 33
 
 
-@cut_smaller_when_full
 def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> Hits:
     """Return the closest hit of each ray in float64; see `Tracer.closest_hit`."""
     count, world = batch.ray_count, caster.world
     check_room(count, _HIT_BYTES)
     refined = RefinedHits.make(count, is_lone=world.is_lone)
-    with caster.open_call() as call:
+
+    def cast(call: Call, part: range, progress: Progress | None) -> None:
+        world = call.world
         if (tree := call.on_host(count)) is not None:
             call.run_on_host(_find_closest_on_host, tree, world.box, batch, world.arrays, refined)
             if progress is not None:
                 progress(count, count)
         else:
-            for piece in cut_batch(call, batch, shape, progress=progress):
+            for piece in cut_batch(call, batch, shape, part=part, progress=progress):
                 with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
                     refine = partial(_refine_range, batch, piece.begin, world.arrays, found, refined)
                     call.threads.for_ranges(len(found), refine, least_items=LEAST_HITS)
+
+    cast_rays(caster, batch, shape, cast, progress)
     return refined.as_hits(shape, Surface.of_world(world))
 
 
@@ -97,7 +101,6 @@ def count_steps(caster: Caster, origins: ArrayLike, directions: ArrayLike) -> ND
         return _answer(caster, _COUNT_STEPS, STEPS, batch, shape, None)
 
 
-@cut_smaller_when_full
 def _answer(
     caster: Caster, query: Query, dtype: Any, batch: RayBatch, shape: Shape, progress: Progress | None, **arguments: Any
 ) -> NDArray[Any]:
@@ -105,17 +108,20 @@ def _answer(
     count = batch.ray_count
     check_room(count, np.dtype(dtype).itemsize)
     answers = np.empty(count, dtype)
-    with caster.open_call() as call:
+
+    def cast(call: Call, part: range, progress: Progress | None) -> None:
         if (tree := call.on_host(count)) is not None:
             most_hits = 0 if query is CLOSEST_HIT else int(arguments.get("max_hits", 1))
-            answers[:] = call.run_on_host(cast_on_host, tree, caster.world.box, batch, most_hits)
+            answers[:] = call.run_on_host(cast_on_host, tree, call.world.box, batch, most_hits)
             if progress is not None:
                 progress(count, count)
         else:
-            for piece in cut_batch(call, batch, shape, progress=progress):
+            for piece in cut_batch(call, batch, shape, part=part, progress=progress):
                 with call.cast(query, put_rays(call, batch, piece), **arguments) as found:
-                    part = found["prim_id"] if query.dtype is None else found
-                    answers[piece.begin : piece.begin + len(found)] = part
+                    own = found["prim_id"] if query.dtype is None else found
+                    answers[piece.begin : piece.begin + len(found)] = own
+
+    cast_rays(caster, batch, shape, cast, progress)
     return answers.reshape(shape)
 
 

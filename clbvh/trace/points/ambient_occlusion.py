@@ -26,9 +26,10 @@ from ...structs import (
 )
 from ...support.compiled import compiled
 from ..hits.offsets import DOUBLE_ROUNDING, ROUNDING
-from ..launch import Batch, Call, Caster, Query, cut_smaller_when_full
+from ..launch import Batch, Call, Caster, Query
+from ..ranges import cast_ranges
 from ..rays.batch import Broadcast, broadcast_shape, check_room, read_lengths, read_masks, read_vectors
-from ..rays.pieces import Progress
+from ..rays.pieces import LEAST_RAYS, Progress
 from ..world.tree_box import TreeBox
 from .pack import cut_points_of, find_point_order, put_points, take_masks, take_points
 
@@ -40,6 +41,9 @@ _LAUNCH_RAYS = 1 << 22
 
 # Points of a launch, at least, so that every GPU is busy.
 _LEAST_POINTS = 1 << 16
+
+# Points of a device's range, at least, where several devices share the work.
+_LEAST_RANGE_POINTS = 1 << 12
 
 _MOST_RAYS = 1 << 24
 _MOST_SEED = 0xFFFF_FFFF
@@ -60,7 +64,6 @@ def check_sampling(rays: int, seed: int) -> tuple[int, int]:
     return int(rays), int(seed)
 
 
-@cut_smaller_when_full
 def find_open_shares(
     caster: Caster, hemispheres: Hemispheres, rays: int, seed: int, progress: Progress | None = None
 ) -> tuple[NDArray[np.float64], int]:
@@ -71,10 +74,12 @@ def find_open_shares(
     count = math.prod(hemispheres.shape)
     check_room(count, 8, "points")
     shares = np.empty(count)
-    lost_count = 0
-    with caster.open_call() as call:
+    lost_counts: dict[int, int] = {}
+
+    def cast(call: Call, part: range, progress: Progress | None) -> None:
         most_points = max(_LEAST_POINTS, _LAUNCH_RAYS // rays)
-        for begin, end in cut_points_of(call, HEMISPHERE, count, progress, most_points=most_points):
+        lost_counts[part.start] = 0
+        for begin, end in cut_points_of(call, HEMISPHERE, part, progress, most_points=most_points):
             rows = hemispheres.take(begin, end, call.world.box)
             order = find_point_order(rows.points, call.world.box, call.order_by_keys)
             batch = pack_hemispheres(call, rows, order, begin)
@@ -89,8 +94,10 @@ def find_open_shares(
                     open_counts[order] += found
             # Every mask but 0 sees a mesh without instances, which the device does not check.
             shares[begin:end] = np.where(rows.masks == 0, 1.0, open_counts / rays)
-            lost_count += rows.lost_count
-    return shares.reshape(hemispheres.shape), lost_count
+            lost_counts[part.start] += rows.lost_count
+
+    cast_ranges(caster, count, cast, progress, least=max(_LEAST_RANGE_POINTS, LEAST_RAYS // rays))
+    return shares.reshape(hemispheres.shape), sum(lost_counts.values())
 
 
 # Roundings in the user's own dtype between a point on the surface and its coordinates: seven for a point that is made

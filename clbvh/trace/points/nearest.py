@@ -7,11 +7,14 @@ out might be as near as the last one.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ...structs import NO_PRIM
-from ..launch import Caster, Query, cut_smaller_when_full
+from ..launch import Call, Caster, Query
+from ..ranges import cast_ranges
 from ..rays.batch import check_room
 from ..rays.pieces import Progress
 from .pack import FAR_SHARE, pack_points
@@ -33,18 +36,20 @@ _SLOT_GROWTH = 4
 _TIE_SHARE = 2.0**-46
 
 
-@at_chosen_instances
-@cut_smaller_when_full
 def find_nearest_points(
     caster: Caster, seen: SeenPoints, count: int, progress: Progress | None = None
 ) -> ClosestPoints:
     """Return the nearest primitives of what is visible; see `Tracer.closest_points`."""
     check_room(seen.point_count, count * POINT_BYTES, "points")
     found, slots = FoundPoints.make(seen.point_count * count), count + _SPARE_SLOTS
-    with caster.open_call() as call:
-        search = Search.begin(caster, call)
-        for piece in cut_pieces(call, seen, progress, most_points=max(1, _MOST_SLOTS // slots)):
+
+    @at_chosen_instances
+    def cast(seen: SeenPoints, call: Call, part: range, progress: Progress | None) -> None:
+        search = Search.begin(call)
+        for piece in cut_pieces(call, seen, part, progress, most_points=max(1, _MOST_SLOTS // slots)):
             _search(search, piece, count, slots, found.part(piece.begin * count, piece.end * count))
+
+    cast_ranges(caster, seen.point_count, partial(cast, seen), progress)
     return found.as_closest((*seen.points.shape, count), caster.world.arrays.geometry_id)
 
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any, NamedTuple, TypeVar
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...structs import NO_PRIM, PACKED_POINT, WORLD_PRIM
 from ..hits.closest import count_hits
-from ..launch import Batch, Call, Caster, Query, cut_smaller_when_full
+from ..launch import Batch, Call, Caster, Query
+from ..ranges import cast_ranges
 from ..rays.batch import Broadcast, check_room, read_masks, read_points, read_rays
 from ..rays.pieces import CHUNK_RAYS, Progress
 from ..world.metrics import Metrics
@@ -22,8 +23,6 @@ from ..world.tree_box import TreeBox
 from ..world.world import with_instances
 from .pack import cut_points_of, find_point_order, pack_points, take_masks, take_points
 from .refine import ClosestPoints, FoundPoints, refine_points
-
-_Result = TypeVar("_Result")
 
 CLOSEST_POINT = Query("closest_point", "prims", WORLD_PRIM)
 _INSIDE = Query("inside", "inside", np.dtype(np.uint8))
@@ -100,9 +99,9 @@ class Search(NamedTuple):
     buffer: Any
 
     @classmethod
-    def begin(cls, caster: Caster, call: Call) -> Search:
+    def begin(cls, call: Call) -> Search:
         """Return the search of a call that is open."""
-        return cls(call, *caster.world.metrics.on(caster.session, call.session))
+        return cls(call, *call.world.metrics.on(call.caster.session, call.session))
 
     def find(self, query: Query, piece: Piece, batch: Batch, found: FoundPoints) -> None:
         """Write the points of the primitives that a query finds."""
@@ -125,96 +124,93 @@ class Search(NamedTuple):
         self.call.threads.for_ranges(len(order), refine)
 
 
-def at_chosen_instances(query: Callable[..., _Result]) -> Callable[..., _Result]:
-    """Decorate a query of a caster and `SeenPoints`: its caster is at the world of the chosen instances alone."""
+def at_chosen_instances(cast: Callable[..., None]) -> Callable[..., None]:
+    """Decorate a function of a call and `SeenPoints`: its call is at the world of the chosen instances alone."""
 
-    @functools.wraps(query)
-    def ask(caster: Caster, seen: SeenPoints, *arguments: Any) -> _Result:
-        if seen.instance_ids is None:
-            return query(caster, seen, *arguments)
-        if caster.world.is_lone:
-            masks = seen.masks if 0 in seen.instance_ids else _NOTHING_VISIBLE
-            return query(caster, seen._replace(masks=masks), *arguments)
-        with select_instances(caster, seen.instance_ids) as selected:
-            return query(selected, seen, *arguments)
+    @functools.wraps(cast)
+    def cast_chosen(seen: SeenPoints, call: Call, part: range, progress: Progress | None) -> None:
+        world, chosen = call.world, seen.instance_ids
+        if chosen is not None and world.is_lone:
+            seen = seen._replace(masks=seen.masks if 0 in chosen else _NOTHING_VISIBLE)
+        elif chosen is not None:
+            assert world.top is not None
+            buffers = {name: call.session.upload(array) for name, array in prune_top(world.top, chosen).items()}
+            call = call.at(with_instances(world, buffers))
+        cast(seen, call, part, progress)
 
-    return ask
-
-
-@contextmanager
-def select_instances(caster: Caster, instance_ids: NDArray[np.integer]) -> Iterator[Caster]:
-    """Give a caster at some of the instances of a scene."""
-    world = caster.world
-    assert world.top is not None
-    # The call keeps the device open.
-    with caster.open_call() as call:
-        buffers = {name: call.session.upload(array) for name, array in prune_top(world.top, instance_ids).items()}
-        yield caster.at(with_instances(world, buffers))
+    return cast_chosen
 
 
-@at_chosen_instances
-@cut_smaller_when_full
 def find_closest_points(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> ClosestPoints:
     """Return the closest points of what is visible; see `Tracer.closest_point`."""
     check_room(seen.point_count, POINT_BYTES, "points")
     found = FoundPoints.make(seen.point_count)
-    with caster.open_call() as call:
-        search = Search.begin(caster, call)
-        for piece in cut_pieces(call, seen, progress):
+
+    @at_chosen_instances
+    def cast(seen: SeenPoints, call: Call, part: range, progress: Progress | None) -> None:
+        search = Search.begin(call)
+        for piece in cut_pieces(call, seen, part, progress):
             batch = pack_points(call, piece.points, piece.masks, piece.order)
             search.find(CLOSEST_POINT, piece, batch, found.part(piece.begin, piece.end))
+
+    cast_ranges(caster, seen.point_count, partial(cast, seen), progress)
     return found.as_closest(seen.points.shape, caster.world.arrays.geometry_id)
 
 
-@at_chosen_instances
-@cut_smaller_when_full
 def find_contained(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.bool_]:
     """Return whether something visible contains each point; see `Tracer.contains`."""
     check_room(seen.point_count, 1, "points")
-    is_inside, box = np.zeros(seen.point_count, np.bool_), caster.world.box  # nothing contains points out of the box
-    with caster.open_call() as call:
-        for piece in cut_pieces(call, seen, progress):
+    is_inside = np.zeros(seen.point_count, np.bool_)
+
+    @at_chosen_instances
+    def cast(seen: SeenPoints, call: Call, part: range, progress: Progress | None) -> None:
+        box = call.world.box  # nothing contains points out of it
+        for piece in cut_pieces(call, seen, part, progress):
             order = piece.order[find_in_box(piece.points, box, box.half)[piece.order]]
             if call.on_host(len(order)):
                 rays, shape = read_rays(piece.points[order], GENERIC_DIRECTIONS[0], 0.0, np.inf)
-                is_odd = count_hits(caster, rays, shape, None, None) % 2 == 1
+                is_odd = count_hits(call.caster, rays, shape, None, None) % 2 == 1
                 is_inside[piece.begin + order] = is_odd & (piece.masks[order if len(piece.masks) > 1 else 0] != 0)
             elif len(order):
                 with call.cast(_INSIDE, pack_points(call, piece.points, piece.masks, order)) as inside:
                     is_inside[piece.begin + order] = inside
+
+    cast_ranges(caster, seen.point_count, partial(cast, seen), progress)
     return is_inside.reshape(seen.points.shape)
 
 
-@at_chosen_instances
-@cut_smaller_when_full
 def find_signed_distances(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.float64]:
     """Return the signed distance to the surface of what is visible; see `Tracer.signed_distance`."""
     check_room(seen.point_count, POINT_BYTES, "points")
-    signed, found, box = np.empty(seen.point_count), FoundPoints.make(seen.point_count), caster.world.box
-    with caster.open_call() as call:
-        search = Search.begin(caster, call)
-        for piece in cut_pieces(call, seen, progress):
-            part, own = found.part(piece.begin, piece.end), signed[piece.begin : piece.end]
+    signed, found = np.empty(seen.point_count), FoundPoints.make(seen.point_count)
+
+    @at_chosen_instances
+    def cast(seen: SeenPoints, call: Call, part: range, progress: Progress | None) -> None:
+        search, box = Search.begin(call), call.world.box
+        for piece in cut_pieces(call, seen, part, progress):
+            near, own = found.part(piece.begin, piece.end), signed[piece.begin : piece.end]
             batch = pack_points(call, piece.points, piece.masks, piece.order)
-            search.find(CLOSEST_POINT, piece, batch, part)
-            own[:] = -part.distance
-            if not caster.world.is_lone:
-                search.find(_DEPTH, piece, batch, part)
-                is_inside = part.prim_id != NO_PRIM
+            search.find(CLOSEST_POINT, piece, batch, near)
+            own[:] = -near.distance
+            if not call.world.is_lone:
+                search.find(_DEPTH, piece, batch, near)
+                is_inside = near.prim_id != NO_PRIM
             else:
                 is_inside = find_in_box(piece.points, box, box.half)
                 with call.cast(_INSIDE, batch) as inside:
                     is_inside[piece.order] &= inside.view(np.bool_)
-            own[is_inside] = part.distance[is_inside]
+            own[is_inside] = near.distance[is_inside]
+
+    cast_ranges(caster, seen.point_count, partial(cast, seen), progress)
     return signed.reshape(seen.points.shape)
 
 
 def cut_pieces(
-    call: Call, seen: SeenPoints, progress: Progress | None, *, most_points: int = CHUNK_RAYS
+    call: Call, seen: SeenPoints, part: range, progress: Progress | None, *, most_points: int = CHUNK_RAYS
 ) -> Iterator[Piece]:
-    """Yield the pieces in which to cast points."""
+    """Yield the pieces in which to cast some of the points."""
     box = call.world.box
-    for begin, end in cut_points_of(call, PACKED_POINT, seen.point_count, progress, most_points=most_points):
+    for begin, end in cut_points_of(call, PACKED_POINT, part, progress, most_points=most_points):
         points, masks = take_points(seen.points, begin, end, box), take_masks(seen.masks, begin, end)
         yield Piece(begin, end, points, masks, find_point_order(points, box, call.order_by_keys))
 

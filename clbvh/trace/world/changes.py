@@ -85,9 +85,14 @@ class Changes:
             chosen = chosen[self._opened.geometry_ids[chosen] == self._scene.geometry_id(geometry)]
         return chosen
 
-    def set_transforms(self, world: World, instances: Any, matrices: ArrayLike, session: DeviceSession) -> World:
+    def find_instances(self, instances: Any) -> NDArray[np.int64]:
+        """Return the ids of instances of the scene."""
+        return self._scene.instance_ids(instances)
+
+    def set_transforms(
+        self, world: World, ids: NDArray[np.int64], matrices: ArrayLike, session: DeviceSession
+    ) -> World:
         """Return a world with other transforms; see `Tracer.set_transforms`."""
-        ids = self._scene.instance_ids(instances)
         given = np.asarray(matrices)
         transforms = check_transforms(given[None] if given.shape == (4, 4) else given)
         if len(transforms) != len(ids):

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ...bvh import Bvh
 from ...device.info import DeviceInfo
+from ...device.select import choose_device
 from ...device.session import DeviceSession
 from ...errors import ConfigError, DeviceError, SceneError
 from ...geometry import Mesh, Shape
@@ -101,7 +102,7 @@ def choose_layout(layout: str, info: DeviceInfo, suited: str, shapes: Sequence[S
     Raises
     ------
     DeviceError
-        No buffer of the device holds the triangles, however they lie; for checks before trees are built.
+        No buffer of the device holds the triangles, however they lie.
     """
     count = sum(shape.prim_count for shape in shapes if isinstance(shape, Mesh))
     largest = info.max_allocation_bytes
@@ -115,6 +116,24 @@ def choose_layout(layout: str, info: DeviceInfo, suited: str, shapes: Sequence[S
             f"largest one of the device '{info.name}' has {largest / 1e6:,.0f} MB: {advice}"
         )
     return layout
+
+
+# Triangles that a device is believed to hold: to ask starts its driver.
+_BELIEVED = 1 << 24
+
+
+def check_fit(device: Any, layout: str, shapes: Sequence[Shape]) -> None:
+    """Raise `DeviceError` before trees are built that the device cannot hold; see `choose_layout`.
+
+    Parameters
+    ----------
+    device : as `choose_device` and `DeviceInfo`
+    layout : str
+    shapes : sequence of Mesh or Spheres
+    """
+    if sum(shape.prim_count for shape in shapes) > _BELIEVED:
+        info = device if isinstance(device, DeviceInfo) else choose_device(device)
+        choose_layout(layout, info, info.layout, shapes)
 
 
 def pad_stack(layout: str, needed: int) -> int:
