@@ -48,6 +48,7 @@ from .rendering.options import RenderOptions as RenderOptions
 from .rendering.picture import Picture as Picture
 from .rendering.renderer import Renderer as Renderer, render as render, render_images as render_images
 from .rendering.scene_file import save_scene as save_scene
+from .rendering.scene_ref import SceneRef as SceneRef
 from .rendering.series import (
     ContactSheet as ContactSheet,
     contact_sheet as contact_sheet,

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from ..choices import DEFAULT_FRAME_RATE, DEFAULT_FRAMES
+from ..errors import ConfigError
 from ..rendering.options import RenderOptions
 from . import options
 from .progress import Progress
 from .tables import print_report
+
+# For the first answer of a cluster.
+_PATIENCE_S = 10
 
 _WITHOUT = (*options.POSE, "transparent")
 
@@ -22,6 +28,7 @@ def turntable(
     output: Annotated[Path, options.OUTPUT],
     frames: Annotated[int, Parameter(converter=options.read_whole, show_default=True)] = DEFAULT_FRAMES,
     frame_rate: Annotated[float, Parameter(name="--fps", show_default=True)] = DEFAULT_FRAME_RATE,
+    cluster: Annotated[str | None, Parameter(metavar="ADDRESS")] = None,
     view: options.Given = options.NOTHING,
     tree: options.Given = options.NOTHING,
     as_json: options.AsJson = False,
@@ -36,6 +43,8 @@ def turntable(
         Pictures of a full turn.
     frame_rate
         Pictures shown in a second.
+    cluster
+        Scheduler of a Dask cluster whose workers render the frames, such as tcp://host:8786.
     """
     from ..rendering.series import check_animation, check_frame_count, render_turntable
 
@@ -46,8 +55,10 @@ def turntable(
     changes = options.read_changes(view) | {"frames": frames, "frames_per_s": frame_rate}
     with Progress() as progress:
         seen = render_turntable(
-            list(sources), output, None, wanted, on_frame=progress.show_share, **progress.callbacks, **changes
-        )
+            list(sources), output, None, wanted, on_frame=progress.show_share,
+            draw=None if cluster is None else partial(_draw_on, cluster, list(sources), wanted),
+            **progress.callbacks, **changes,
+        )  # fmt: skip
     size, spent_s = output.stat().st_size, progress.spent_s
     report = {
         "width": seen.width,
@@ -63,3 +74,24 @@ def turntable(
         f"{size / 1e6:,.1f} MB, made in {spent_s:,.1f} s"
     )
     print_report(report, line, as_json=as_json, notes=progress.notes)
+
+
+def _draw_on(cluster: str, sources: list[str], wanted: RenderOptions, views: list[Any]) -> Iterator[Any]:
+    """Yield the frames that the workers of a cluster render of a scene, which goes to them as it is here."""
+    try:
+        from distributed import Client
+
+        from ..integrations.dask import render_frames
+    except ImportError as error:
+        raise ConfigError(f"--cluster needs Dask: run \"pip install 'clbvh[dask]'\" ({error})") from error
+    from ..rendering.scene_ref import SceneRef
+
+    try:
+        client = Client(cluster, timeout=_PATIENCE_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{cluster}: no scheduler of a Dask cluster answers there: {error}") from error
+    with client:
+        frames = client.compute(render_frames(SceneRef.embed(sources), views, wanted))
+        while frames:
+            # The cluster forgets it then.
+            yield frames.pop(0).result()

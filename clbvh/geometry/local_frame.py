@@ -6,6 +6,7 @@ the points belong to.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any, TypeVar
 
@@ -54,6 +55,10 @@ class LocalFrame:
         array([0.5 , 0.5 , 0.25])
         """
         return (np.asarray(points, np.float64) - self.origin) * self.scale
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Without what is computed when asked for: equal shapes have equal pickles, and small ones.
+        return {field.name: vars(self)[field.name] for field in dataclasses.fields(self)}  # type: ignore[arg-type]
 
 
 def find_bounds(points: NDArray[_Float]) -> tuple[NDArray[_Float], NDArray[_Float]]:

@@ -17,16 +17,18 @@ from numpy.typing import ArrayLike
 
 from ..bvh import Bvh
 from ..choices import DEFAULT_CHANNELS, REPORT_SHADINGS, STANDARD_VIEWS
-from ..device.context import EventTimes
+from ..device.context import EventTimes, check_process
 from ..device.info import DeviceInfo
 from ..device.select import choose_devices
-from ..errors import ConfigError, SceneError
+from ..errors import ConfigError, QueryError, SceneError
 from ..geometry import Mesh
 from ..scene.handles import shorten
+from ..scene.scene import Scene
 from ..structs import VIEW
 from ..support.context_manager import ContextManager
 from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
+from ..support.opened import digest_of, open_once
 from ..support.stopwatch import Stopwatch, add_total
 from .built_scene import BuiltScene
 from .cameras.camera import Camera
@@ -51,6 +53,8 @@ class Renderer(ContextManager):
     Meshes, trees and kernels are made once; each picture then costs its kernel and the transfer from the
     device. Any number of threads may use one renderer. A child that was forked cannot: its pictures raise
     `DeviceError`, and closing the renderer there changes nothing.
+
+    Renderers pickle as what they were opened from, and open again where they arrive, once in each process.
 
     Parameters
     ----------
@@ -363,6 +367,24 @@ class Renderer(ContextManager):
         """
         self._frames.caster.close()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self.is_closed:
+            raise QueryError("a closed renderer cannot be pickled: pickle it before, or what it was opened from")
+        built = self._built
+        tree = built.bvh if built.made is None else None  # that was given
+        key = digest_of((built.state, None if tree is None else (tree.nodes, tree.prim_ids), self._options))
+        return _reopen, (key, self.scene._at(built.state), tree, self.view, self._options)
+
+    def _twin(self, scene: Scene, view: View) -> Renderer:
+        """Return a renderer of the same scene whose end is its own."""
+        twin = object.__new__(Renderer)
+        vars(twin).update(vars(self), scene=scene._at(self._built.state), view=view)
+        worlds = {each.session: (each.session.branch(), each.world) for each in self._frames.caster.working}
+        first, *others = worlds.values()
+        twin._frames = FrameRenderer(*first, others)
+        twin._painters = {branch: self._painters[session] for session, (branch, _) in worlds.items()}
+        return twin
+
     def __repr__(self) -> str:
         return f"Renderer({self._built.name!r}, device={self.device.name!r}, layout={self.layout!r})"
 
@@ -447,6 +469,12 @@ class Renderer(ContextManager):
     def _find_view(self, view: View | None, changes: Mapping[str, Any]) -> View:
         _check_type("view", view, View)
         return (self.view if view is None else view).changed(**changes)
+
+
+def _reopen(key: str, scene: Scene, tree: Bvh | None, view: View, options: RenderOptions) -> Renderer:
+    """Return a renderer that was pickled: what it shows is opened once in this process."""
+    check_process()
+    return open_once(key, lambda: Renderer(scene if tree is None else tree, view, options))._twin(scene, view)
 
 
 def _check_type(name: str, value: object, kind: type) -> None:

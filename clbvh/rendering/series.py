@@ -236,6 +236,7 @@ def render_turntable(
     on_frame: Callable[[int, int], None] | None = None,
     on_phase: Callable[[str], None] | None = None,
     on_note: Callable[[str], None] | None = None,
+    draw: Callable[[list[View]], Iterable[NDArray[np.uint8]]] | None = None,
     **changes: Any,
 ) -> View:
     """Write an animation of a full turn, as GIF, which repeats for ever, or MP4, by the suffix of the name.
@@ -262,6 +263,8 @@ def render_turntable(
         Called with the name of each phase as it begins.
     on_note : function, optional
         Called with each fact that a user should know, as in `Picture.notes`.
+    draw : function, optional
+        Returns the frames of views, (height, width, 3) uint8 each, one after the other, in place of this process.
     **changes
         Settings of `View`, in place of those of the view.
 
@@ -306,8 +309,10 @@ def render_turntable(
             on_phase("render")
 
         def draw_frames() -> Iterator[NDArray[np.uint8]]:
-            for number, camera in enumerate(cameras):
-                yield renderer.render(turned, camera=camera).rgb
+            views = [turned.changed(camera=camera) for camera in cameras]
+            pictures = (renderer.render(view).rgb for view in views) if draw is None else draw(views)
+            for number, picture in enumerate(pictures):
+                yield picture
                 if on_frame is not None:
                     on_frame(number + 1, frames)
 

@@ -120,6 +120,10 @@ class Scene:
         scene._snapshot = state
         return scene
 
+    def _at(self, state: SceneState) -> Scene:
+        """Return the scene in another state, with the same handles."""
+        return Scene._restore(state, self._owner)
+
     def __reduce__(self) -> tuple[Any, ...]:
         # With the owner, so that handles that are pickled with their scene stay its.
         return Scene._restore, (self.snapshot(), self._owner)

@@ -227,6 +227,7 @@ class PointQueries(Moves):
         max_distance: ArrayLike = np.inf,
         seed: int = 0,
         offset: float = 0.0,
+        first_number: int = 0,
         mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.float64]:
@@ -251,6 +252,9 @@ class PointQueries(Moves):
         offset : float, the file's units
             By how much points are lifted along their normals, beside the rounding of float32 and of the points' own
             dtype. Needed for points that lie below the surface.
+        first_number : int
+            Of the first point, on whose number its rays depend: a part of an array that begins there gets the bits that
+            it gets within the whole.
         mask : int or (...,) int, optional
             As in `closest_hit`.
         progress : function, optional
@@ -267,7 +271,7 @@ class PointQueries(Moves):
             Shapes that are wrong or do not broadcast, a point that is not finite, an infinite normal, a negative
             max_distance or offset: the message names the first bad point. Or the tracer is closed.
         ConfigError
-            rays or seed is no integer, or out of range.
+            rays, seed or first_number is no integer, or out of range.
 
         Notes
         -----
@@ -293,9 +297,9 @@ class PointQueries(Moves):
         >>> tracer.ambient_occlusion([0, 0, -1], [0, 0, 1], max_distance=0.5)
         array(1.)
         """
-        rays, seed = check_sampling(rays, seed)
+        rays, seed, first_number = check_sampling(rays, seed, first_number)
         hemispheres = Hemispheres.read(points, normals, max_distance, mask, offset)
-        shares, lost_count = find_open_shares(self._caster, hemispheres, rays, seed, progress)
+        shares, lost_count = find_open_shares(self._caster, hemispheres, rays, seed, first_number, progress)
         if lost_count:
             text = f"{lost_count:,} of {shares.size:,} normals are NaN or zero: ambient_occlusion is 1 there"
             warnings.warn(text, ClbvhWarning, stacklevel=2)

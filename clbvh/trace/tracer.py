@@ -1,21 +1,26 @@
 """The public class for ray and point queries: how a source becomes a scene on a device, and how it is closed.
 
-Its queries are in `ray_queries` and `point_queries`, its changes in `moves`.
+Its queries are in `ray_queries` and `point_queries`, its changes in `moves`. A tracer that was pickled is opened once
+in each process where it arrives; what is handed out there are tracers of that one's world, with changes of their own.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from ..bvh import Bvh
+from ..device.context import EventTimes, check_process
 from ..device.info import DeviceInfo
 from ..device.select import choose_devices
+from ..errors import QueryError
 from ..geometry import Mesh, MeshLike
 from ..layouts.device_mesh import open_session, take_mesh
 from ..scene.scene import Scene
 from ..scene.state import SceneState
+from ..support.opened import digest_of, open_once
 from .launch import Caster
 from .point_queries import PointQueries
 from .ranges import try_devices, warn_of_failure
@@ -34,11 +39,41 @@ Devices: TypeAlias = DeviceInfo | str | int | Sequence[Any] | None
 """A device, or several: see `Tracer`."""
 
 
+class Opening(NamedTuple):
+    """What a tracer was opened from.
+
+    Attributes
+    ----------
+    scene : Scene
+        Its handles name geometries and instances.
+    state : SceneState
+        The scene as it was.
+    tree : Bvh or None
+        That was given for the only mesh.
+    device : DeviceInfo, str, int, sequence or None
+        As it was asked for.
+    layout, quality : str
+    ref : SceneRef, optional
+        That names the scene.
+    """
+
+    scene: Scene
+    state: SceneState
+    tree: Bvh | None
+    device: Devices
+    layout: str
+    quality: str
+    ref: Any = None
+
+
 class Tracer(RayQueries, PointQueries):
     """Casts rays at one mesh or scene on one device, or on several; a context manager.
 
     Any number of threads may use one tracer. A child that was forked cannot: its queries raise `DeviceError`, and
     closing the tracer there changes nothing.
+
+    Tracers pickle as their present source, the device as it was asked for, layout and quality, and open again where
+    they arrive, once in each process.
 
     Parameters
     ----------
@@ -88,13 +123,20 @@ class Tracer(RayQueries, PointQueries):
         scene = source if isinstance(source, Scene) else Scene(mesh)
         state = scene.snapshot()
         check_fit(devices[0], layout, state.shapes)
+        tree = source if isinstance(source, Bvh) else None
         # A tree on the device is built once that is open.
-        plans = [source] if isinstance(source, Bvh) else _plan_trees(state, quality)
+        plans = _plan_trees(state, quality) if tree is None else [tree]
+        self._open(mesh, devices, plans, Opening(scene, state, tree, device, layout, quality))
+
+    def _open(
+        self, mesh: Mesh | None, devices: Sequence[Any], plans: Sequence[Bvh | BuildOptions], opening: Opening
+    ) -> None:
+        """Put the trees on devices: what the constructor does when it knows them."""
 
         def open_caster(device: DeviceInfo | str | int | None) -> Caster:
             session = open_session(mesh, device)
             try:
-                return Caster(session, open_world(session, state, plans, layout))
+                return Caster(session, open_world(session, opening.state, plans, opening.layout))
             except BaseException:
                 session.close()
                 raise
@@ -102,9 +144,12 @@ class Tracer(RayQueries, PointQueries):
         (first, *others), failed = try_devices(devices, open_caster)
         for info, error in failed:
             warn_of_failure(info.name, error)
-        self._caster = first.beside(others)
-        tree = source if isinstance(source, Bvh) else quality
-        self._changes_on = {each.session: Changes(scene, state, tree) for each in self._caster.all}
+        self._start(first.beside(others), opening)
+
+    def _start(self, caster: Caster, opening: Opening) -> None:
+        tree = opening.tree or opening.quality
+        self._caster, self._opening = caster, opening
+        self._changes_on = {each.session: Changes(opening.scene, opening.state, tree) for each in caster.all}
         self._updating = threading.Lock()
 
     @property
@@ -162,6 +207,32 @@ class Tracer(RayQueries, PointQueries):
         """
         self._caster.close()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self.is_closed:
+            raise QueryError("a closed tracer cannot be pickled: pickle it before, or what it was opened from")
+        opening, state = self._opening, self._caster.world.state
+        scene, _, tree, *asked, ref = opening
+        if ref is not None and state is opening.state:
+            return partial(ref.tracer, **dict(zip(("device", "layout", "quality"), asked, strict=True))), ()
+        # Of moved vertices, it is built again.
+        tree = tree if tree is not None and state.shapes[0] is tree.shape else None
+        key = digest_of((state, None if tree is None else (tree.nodes, tree.prim_ids), asked))
+        return _reopen, (key, scene._at(state), tree, *asked)
+
+    def _twin(self, scene: Scene) -> Tracer:
+        """Return a tracer of the same world, which never was changed: its changes and its end are its own.
+
+        Handles are those of the given scene, which has the same objects.
+        """
+        twin, opening = object.__new__(Tracer), self._opening
+        # Of the world's shapes, so that those of the scene need not stay.
+        opening = opening._replace(scene=scene._at(opening.state))
+        first, *others = (Caster(each.session.branch(), each.world) for each in self._caster.working)
+        for each in (first, *others):
+            each.session.times = EventTimes()
+        twin._start(first.beside(others), opening)
+        return twin
+
     def __repr__(self) -> str:
         mesh = self._caster.world.mesh
         name = "scene" if mesh is None else mesh.name
@@ -177,3 +248,23 @@ def _plan_trees(state: SceneState, quality: str) -> list[Bvh | BuildOptions]:
     from ..builders.build import plan_tree
 
     return [plan_tree(shape, quality) for shape in state.shapes]
+
+
+def _reopen(key: str, scene: Scene, tree: Bvh | None, device: Any, layout: str, quality: str) -> Tracer:
+    """Return a tracer that was pickled: its world is opened once in this process."""
+    check_process()  # a thread that a forked child does not have may hold the lock
+
+    def open_anew() -> Tracer:
+        state = scene.snapshot()
+        plans = _plan_trees(state, quality) if tree is None else [tree]
+        return open_kept(plans, Opening(scene, state, tree, device, layout, quality))
+
+    return open_once(key, open_anew)._twin(scene)
+
+
+def open_kept(plans: Sequence[Bvh | BuildOptions], opening: Opening) -> Tracer:
+    """Return a tracer of trees that are there; see `open_once`."""
+    tracer, devices = object.__new__(Tracer), choose_devices(opening.device)
+    check_fit(devices[0], opening.layout, opening.state.shapes)
+    tracer._open(None, devices, plans, opening)
+    return tracer

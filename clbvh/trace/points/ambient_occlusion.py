@@ -47,25 +47,27 @@ _LEAST_RANGE_POINTS = 1 << 12
 
 _MOST_RAYS = 1 << 24
 _MOST_SEED = 0xFFFF_FFFF
+_MOST_NUMBER = 1 << 62
 
 
-def check_sampling(rays: int, seed: int) -> tuple[int, int]:
-    """Return the number of rays at each point and the seed.
+def check_sampling(rays: int, seed: int, first_number: int) -> tuple[int, int, int]:
+    """Return the number of rays at each point, the seed, and the number of the first point.
 
     Raises
     ------
     ConfigError
         One of them is no integer, or out of range.
     """
-    for name, value, least, most in (("rays", rays, 1, _MOST_RAYS), ("seed", seed, 0, _MOST_SEED)):
+    numbers = "first_number", first_number, 0, _MOST_NUMBER
+    for name, value, least, most in (("rays", rays, 1, _MOST_RAYS), ("seed", seed, 0, _MOST_SEED), numbers):
         is_integer = isinstance(value, Integral) and not isinstance(value, bool)
         if not (is_integer and least <= value <= most):
             raise ConfigError(f"{name} must be an integer from {least} to {most}, not {value}")
-    return int(rays), int(seed)
+    return int(rays), int(seed), int(first_number)
 
 
 def find_open_shares(
-    caster: Caster, hemispheres: Hemispheres, rays: int, seed: int, progress: Progress | None = None
+    caster: Caster, hemispheres: Hemispheres, rays: int, seed: int, first_number: int, progress: Progress | None = None
 ) -> tuple[NDArray[np.float64], int]:
     """Return the share of rays over each point that meet nothing, and how many points have no normal.
 
@@ -82,7 +84,7 @@ def find_open_shares(
         for begin, end in cut_points_of(call, HEMISPHERE, part, progress, most_points=most_points):
             rows = hemispheres.take(begin, end, call.world.box)
             order = find_point_order(rows.points, call.world.box, call.order_by_keys)
-            batch = pack_hemispheres(call, rows, order, begin)
+            batch = pack_hemispheres(call, rows, order, first_number + begin)
             open_counts = np.zeros(end - begin, np.int64)
             step = max(1, _LAUNCH_RAYS // (end - begin))
             for first_ray in range(0, rays, step):

@@ -223,8 +223,8 @@ class Broadcast(NamedTuple):
         leading_dims = values.ndim - item_dims
         given_shape, item_shape = values.shape[:leading_dims], values.shape[leading_dims:]
         # An axis that the caller has broadcast counts as one of length 1.
-        if 0 in values.strides[:leading_dims]:
-            values = values[tuple(slice(0, 1) if stride == 0 else slice(None) for stride in values.strides)]
+        if 0 in (strides := values.strides[:leading_dims]):
+            values = values[tuple(slice(0, 1) if stride == 0 else slice(None) for stride in strides)]
         own_shape = values.shape[:leading_dims]
         if math.prod(own_shape) == 1:
             items = values.reshape(1, *item_shape)
