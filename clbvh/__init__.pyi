@@ -35,6 +35,7 @@ from .geometry import (
 )
 from .geometry.appearance.appearance import Appearance as Appearance
 from .geometry.appearance.material import Material as Material, Texture as Texture
+from .geometry.shards import Shard as Shard, shard_mesh as shard_mesh
 from .geometry.smooth_normals import smooth_normals_by_angle as smooth_normals_by_angle
 from .geometry.spheres import Shape as Shape
 from .rendering.cameras.camera import Camera as Camera
@@ -66,4 +67,5 @@ from .trace.hits.hits import AllHits as AllHits, Hits as Hits
 from .trace.hits.normals import Normals as Normals
 from .trace.points.refine import ClosestPoints as ClosestPoints
 from .trace.rays.pieces import Progress as Progress
+from .trace.shards import ShardedTracer as ShardedTracer
 from .trace.tracer import Traceable as Traceable, Tracer as Tracer

@@ -108,8 +108,10 @@ class DeviceSession(ContextManager):
         session._open(info, find_settings(info), EventTimes(), open_context(info, context))
         return session
 
-    def branch(self) -> DeviceSession:
+    def branch(self, times: EventTimes | None = None) -> DeviceSession:
         """Return another session on the same device, for another thread; it uses the buffers of this one as well.
+
+        Times are those of this session, or other ones.
 
         Raises
         ------
@@ -118,7 +120,7 @@ class DeviceSession(ContextManager):
         """
         session = type(self).__new__(type(self))
         # Not whatever context the device has by now: the buffers of this session are in its own.
-        session._open(self.info, self.settings, self.times, self.shared)
+        session._open(self.info, self.settings, times or self.times, self.shared)
         return session
 
     def _open(self, info: DeviceInfo, settings: Settings, times: EventTimes, shared: DeviceContext | None) -> None:

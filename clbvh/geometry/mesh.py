@@ -299,6 +299,18 @@ def is_degenerate(vertices, faces, face):
     return uy * vz == uz * vy and uz * vx == ux * vz and ux * vy == uy * vx
 
 
+def mesh_in_frame(
+    vertices: ArrayLike, faces: ArrayLike, origin: NDArray[np.float64], scale: float, *, name: str
+) -> Mesh:
+    """Return a part of a larger mesh, whose origin and scale it has; checked as by `Mesh.from_arrays`.
+
+    Its local vertices are those of the larger mesh, to the last bit.
+    """
+    checked_vertices = _check_vertices(vertices, name)
+    checked_faces = _check_faces(faces, len(checked_vertices), name)
+    return Mesh(checked_vertices, checked_faces, shift_and_scale(checked_vertices, origin, scale), origin, scale, name)
+
+
 def _check_vertices(vertices: ArrayLike, name: str) -> NDArray[np.float64]:
     """Return the vertices as a finite (V, 3) float64 array of our own."""
     array = as_array(vertices, f"{name}: vertices")

@@ -156,7 +156,7 @@ class RayQueries(Moves):
         >>> tracer.count_hits([[0.5, 0.5, 5], [0, 0, 0]], [[0, 0, -1], [0, 0, 1]])  # along an edge; from inside
         array([2, 1], dtype=int32)
         """
-        limit = _check_max_hits(max_hits)
+        limit = check_max_hits(max_hits)
         caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return count_hits(caster, batch, shape, limit, progress)
 
@@ -194,7 +194,7 @@ class RayQueries(Moves):
         >>> (hits.t[1::2] - hits.t[::2]).round(2)  # length of the ray in the material
         array([1., 1.])
         """
-        limit = _check_max_hits(max_hits)
+        limit = check_max_hits(max_hits)
         caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return find_all_hits(caster, batch, shape, limit, progress, with_locations=with_locations)
 
@@ -213,7 +213,7 @@ class RayQueries(Moves):
         return caster, batch, shape
 
 
-def _check_max_hits(max_hits: int | None) -> int | None:
+def check_max_hits(max_hits: int | None) -> int | None:
     """Raise unless this is no limit, or one that a kernel can hold."""
     is_number = isinstance(max_hits, Integral) and not isinstance(max_hits, bool)
     if max_hits is not None and not (is_number and 1 <= max_hits <= NO_LIMIT):

@@ -36,6 +36,8 @@ VERBS = {
     "stats scene.toml --exact": "several objects",
     "stats mesh.ply --device cpu": "--device needs --quality fast",
     "stats scene.toml --plot a.png": "several objects",
+    "shard mesh.ply -o .": "not an empty folder",
+    "shard gone.ply -o parts": "gone.ply: no such file",
     "doctor --device cpu": "need --conformance",
     "doctor --conformance --mesh bunny": "'bunny' is no mesh",
     "doctor --fix --conformance": "give one of them",

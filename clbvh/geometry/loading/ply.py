@@ -9,6 +9,7 @@ Greg Turk, "The PLY Polygon File Format", 1994.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
+from ...support.files import open_regular, read_errors_as
 from ..appearance.material import Material
 from ..mesh import check_face_count
 from .file_mesh import (
@@ -186,6 +188,46 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
     return FileMesh("", vertices, faces, finish_looks(looks, materials))
 
 
+def map_triangles(file: Path) -> tuple[NDArray[np.floating], NDArray[np.integer]] | None:
+    """Return the vertices (V, 3) and the faces (F, 3) of a file of triangles without reading them: views of the file.
+
+    None where the file is not laid out as two tables of little-endian numbers, vertices and triangles; `read_ply` reads
+    it then, or finds its fault. Vertex indices are not checked.
+
+    Raises
+    ------
+    MeshError
+        The file cannot be read, or its header is damaged.
+    """
+    with read_errors_as(MeshError, file), open_regular(file) as opened:
+        data, size = opened.read(_MAX_HEADER_BYTES), os.fstat(opened.fileno()).st_size
+    if _HEADER.match(data) is None:
+        return None
+    try:
+        _, byte_order, elements, begin = _read_header(data)
+        mapped, tables = np.memmap(file, np.uint8, "r"), {}
+        for element in elements if byte_order == "<" else []:
+            if element.row_count and (table := _find_table(mapped.data, begin, element)[0]) is not None:
+                tables[element.name], begin = table, begin + table.nbytes
+    except MeshError as error:
+        raise MeshError(f"{file}: {error}") from error
+    if list(tables) != ["vertex", "face"] or begin != size:
+        return None
+    # The coordinates must lie side by side, and every face must be a triangle.
+    fields, names = dict(tables["vertex"].dtype.fields or {}), tables["face"].dtype.names or ()
+    points = [(fields[axis][0].base, fields[axis][1]) for axis in "xyz" if axis in fields]
+    corners = next((tables["face"][name] for name in _FACE_LISTS if name in names), None)
+    if corners is None or corners.shape[1:] != (3,) or corners.dtype.kind == "f" or not points:
+        return None
+    kind, at = points[0]
+    if points != [(kind, at + axis * kind.itemsize) for axis in range(3)]:
+        return None
+    point = np.dtype(
+        {"names": ["xyz"], "formats": [(kind, (3,))], "offsets": [at], "itemsize": tables["vertex"].itemsize}
+    )
+    return tables["vertex"].view(point)["xyz"], corners
+
+
 def _read_looks(
     of_vertices: _Columns,
     of_faces: _Columns,
@@ -303,25 +345,32 @@ def _read_rows(data: bytes, begin: int, element: _Element) -> tuple[_Columns, in
     min_width = sum((prop.length_dtype or prop.dtype).itemsize for prop in element.properties)
     if begin + element.row_count * min_width > len(data):
         raise _cut_off(element)
+    table, first = _find_table(data, begin, element)
+    if table is None:
+        return _walk_rows(data, begin, element)
+    return {
+        name: _Column(table[name].ravel(), sizes.repeat(element.row_count), dtype)
+        for name, (_, sizes, dtype) in first.items()
+    }, begin + table.nbytes
+
+
+def _find_table(data: bytes | memoryview, begin: int, element: _Element) -> tuple[NDArray[np.void] | None, _Columns]:
+    """Return the rows of an element as a view, or None where they are no table; and the first row."""
     # The lists of all rows are nearly always as long as those of the first row: then the rows are a table.
     first, first_end = _walk_rows(data, begin, element._replace(row_count=1))
-    end = begin + element.row_count * (first_end - begin)
-    if end <= len(data):
-        fields: list[tuple[str, np.dtype, tuple[int, ...]]] = []
-        for name, dtype, length_dtype in element.properties:
-            fields += [(f"{name} length", length_dtype, ())] if length_dtype else []
-            fields += [(name, dtype, first[name].values.shape)]
-        table = np.frombuffer(data, fields, element.row_count, begin)
-        lists = [prop.name for prop in element.properties if prop.length_dtype]
-        if all((table[f"{name} length"] == first[name].sizes).all() for name in lists):
-            return {
-                name: _Column(table[name].ravel(), sizes.repeat(element.row_count), dtype)
-                for name, (_, sizes, dtype) in first.items()
-            }, end
-    return _walk_rows(data, begin, element)
+    if begin + element.row_count * (first_end - begin) > len(data):
+        return None, first
+    fields: list[tuple[str, np.dtype, tuple[int, ...]]] = []
+    for name, dtype, length_dtype in element.properties:
+        fields += [(f"{name} length", length_dtype, ())] if length_dtype else []
+        fields += [(name, dtype, first[name].values.shape)]
+    table = np.frombuffer(data, fields, element.row_count, begin)
+    lists = [prop.name for prop in element.properties if prop.length_dtype]
+    is_table = all((table[f"{name} length"] == first[name].sizes).all() for name in lists)
+    return table if is_table else None, first
 
 
-def _walk_rows(data: bytes, begin: int, element: _Element) -> tuple[_Columns, int]:
+def _walk_rows(data: bytes | memoryview, begin: int, element: _Element) -> tuple[_Columns, int]:
     """Read an element row by row."""
     pieces: dict[str, list[NDArray[np.number]]] = {prop.name: [] for prop in element.properties}
     at = begin

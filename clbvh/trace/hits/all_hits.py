@@ -240,7 +240,7 @@ def find_all_hits(
     locations = np.empty((total, 3)) if with_locations else None
 
     def refine(begin: int, end: int) -> None:
-        _refine_rays(batch, world.arrays, crossings, begin, end, int(offsets[begin]), refined, locations)
+        refine_rays(batch, world.arrays, crossings, begin, end, int(offsets[begin]), refined, locations)
 
     # Ranges of rays with about equally many crossings.
     begins = np.searchsorted(offsets, [begin for begin, _ in caster.threads.ranges(total, LEAST_HITS)]).tolist()
@@ -249,7 +249,7 @@ def find_all_hits(
     return AllHits(**vars(hits), offsets=offsets, known_locations=locations)
 
 
-def _refine_rays(
+def refine_rays(
     batch: RayBatch,
     arrays: SurfaceArrays,
     crossings: Crossings,
@@ -274,7 +274,7 @@ def _refine_rays(
         slot = _refine(batch.part(first, last), arrays, of_part, found_ints, block, slot, hits, locations)
     counts = crossings.counts[begin:end]
     if arrays.is_lone:
-        _keep_order(counts, first_slot, hits.t)
+        keep_order(counts, first_slot, hits.t)
     else:
         _sort_by_t(counts, first_slot, hits, locations)
 
@@ -306,7 +306,7 @@ def _refine(rays, arrays, crossings, found_ints, block, slot, hits, locations):
 
 
 @compiled
-def _keep_order(counts, first_slot, t):
+def keep_order(counts, first_slot, t):
     """Raise each t to that of the crossing before it on the ray."""
     slot = first_slot
     for ray in range(len(counts)):

@@ -276,7 +276,10 @@ class Broadcast(NamedTuple):
         """Return the items of some elements, by their indices in C order."""
         if self.is_one:
             return self._replace(shape=(len(indices),))
-        taken = self.items[indices] if self.is_flat else self.items[np.unravel_index(indices, self.shape)]
+        if self.is_contiguous:
+            taken = self.items.take(indices, axis=0)  # in a third of the time
+        else:
+            taken = self.items[indices] if self.is_flat else self.items[np.unravel_index(indices, self.shape)]
         shape = (len(indices),)
         return self._of_items(taken, taken.ndim - 1, shape, shape)
 

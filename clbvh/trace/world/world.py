@@ -200,6 +200,8 @@ def open_world(
         for geometry_id, shape in enumerate(state.shapes)
     ]
     trees = DeviceTrees.join(session, state.shapes, new, chosen)
+    # Queries have queues of their own, which do not wait for trees that the device still writes.
+    session.finish()
     return place(trees, state, session)
 
 
