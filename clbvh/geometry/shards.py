@@ -154,9 +154,9 @@ def shard_mesh(
 
     Notes
     -----
-    The mesh is cut in halves again and again, across the longest side, in a histogram of 2^21 cells. The same mesh gives
-    the same files, streamed or not. About 50 bytes on disk for each triangle, and 16 more while it runs. Appearance and
-    parts are left out.
+    The mesh is cut in halves again and again, across the longest side, in a histogram of 2^21 cells. The same mesh
+    gives the same files, streamed or not. About 50 bytes on disk for each triangle, and 16 more while it runs.
+    Appearance and parts are left out.
 
     Examples
     --------

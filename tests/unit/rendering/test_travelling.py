@@ -117,7 +117,7 @@ def test_renderers_are_opened_once_and_end_alone(session, world):
     with Renderer(world, view, clbvh.RenderOptions(layout="bvh2")) as renderer:
         expected = renderer.render().rgb
         first, second = send(renderer), copy.deepcopy(renderer)
-    assert first._world is second._world
+    assert first._frames.caster.world is second._frames.caster.world
     assert (first.layout, first.view) == ("bvh2", view)
     assert (first.render().rgb == expected).all()
     first.close()
