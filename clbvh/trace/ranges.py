@@ -28,11 +28,11 @@ CastRange = Callable[[Call, range, Progress | None], object]
 """A function that casts a range of a query's rays or points in a call, and writes the results."""
 
 # Rays or points that are worth a range, and ranges that are worth several devices. A range is the rays that are left,
-# divided by the number of devices and by _SHARES, so that a device of a quarter of the speed of another may take the
-# first one. Smaller ranges sort fewer rays together: processor time of 4 million random rays at the dragon on two
-# halves of a 2-core x86-64 server, against the whole, for shares of 4 and 3 and ranges of 2^16, and for 3 and 2^17:
-# 1.15, 1.13, 1.04.
-LEAST_RANGE, _LEAST_RANGES, _SHARES = 1 << 17, 2, 3
+# divided by the number of devices and by _SHARES: of two, one of a quarter of the other's speed may take the first one,
+# a fifth. Smaller ranges sort fewer rays together: with shares of 4 and ranges of 2^16, two halves of a 2-core x86-64
+# server take 1.15 times the processor time of the whole for 4 million random rays at the dragon, with 2 and 2^17 1.07
+# to 1.11.
+LEAST_RANGE, _LEAST_RANGES, _SHARES = 1 << 17, 2, 2.5
 
 # What a device of several may fail by.
 _DEVICE_ERRORS = (DeviceError, KernelBuildError)
@@ -78,7 +78,7 @@ class Ranges:
             if self.returned:
                 return self.returned.pop()
             begin, left = self._begin, self.count - self._begin
-            size = -(-max(self._least, left // self._share) // self._step) * self._step
+            size = -(-max(self._least, int(left / self._share)) // self._step) * self._step
             self._begin += left if left - size < self._least else size
             return range(begin, self._begin)
 

@@ -162,9 +162,9 @@ class Changes:
         # By the owner of the buffers: a tree that is alone stays in those that it was built in.
         owner = before.session
         new = NewTree.make(owner, shape, suit_options(shape, FAST_QUALITY), before.layout, prims)
-        owner.finish()
         if len(before.trees) == 1:
             trees = DeviceTrees.join(owner, [shape], [new], before.layout)
+            owner.finish()
         else:
             trees = before.with_room(session, geometry_id, new.tree, self._retired)
             trees.put(session, geometry_id, new)

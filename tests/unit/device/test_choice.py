@@ -1,10 +1,12 @@
 """The devices of made-up machines and of this one: their order, and which of them a word means."""
 
+from dataclasses import replace
+
 import pyopencl as cl
 import pytest
 
 from clbvh import DeviceError, choose_device, list_devices
-from clbvh.device.select import number_devices, pick_device, survey_devices
+from clbvh.device.select import _keep_distinct, number_devices, pick_device, survey_devices
 
 from . import made_up_devices as made_up
 from .made_up_devices import (
@@ -56,6 +58,17 @@ def test_measured_devices_take_each_others_places():
     times = {UHD.name: 9.0, POCL_6.name: 1.0, OCLGRIND.name: 0.1}
     ordered = number_devices([POCL_6, UHD, OCLGRIND], lambda device: times[device.name])
     assert names_of(ordered) == names_of([UHD, POCL_6, OCLGRIND])
+
+
+def test_all_devices_are_the_cards_under_one_driver_each_or_the_cpu():
+    radeons = replace(RADEON, vendor="Advanced Micro Devices, Inc."), replace(RADEON_OF_MESA, vendor="AMD")
+    for machine, expected in [
+        ([GEFORCE, GEFORCE, POCL_6], [GEFORCE, GEFORCE]),
+        ([POCL_6, *radeons, IRIS, GEFORCE, LLVMPIPE], [GEFORCE, radeons[0], IRIS]),
+        ([POCL_3, INTEL_CPU, POCL_6, OCLGRIND], [POCL_6]),
+        ([EMULATOR, replace(GEFORCE, is_available=False)], []),
+    ]:
+        assert names_of(_keep_distinct(number_devices(machine))) == names_of(expected)
 
 
 MACHINE = number_devices([RADEON, GEFORCE, IRIS, BOARD, INTEL_CPU, POCL_6, POCL_3])

@@ -30,9 +30,7 @@ def halves():
         devices = choose_device("cpu").cl_device.create_sub_devices([cl.device_partition_property.EQUALLY, 1])
     except cl.Error as error:
         pytest.skip(f"the CPU has no parts: {error}")
-    if len(devices) < 2:
-        pytest.skip("the CPU has one core")
-    return devices[:2]
+    return devices[:2] if len(devices) > 1 else pytest.skip("the CPU has one core")
 
 
 @pytest.fixture
@@ -197,7 +195,6 @@ def test_moves_reach_all_devices_at_once(open_both, mesh, rays):
         both.update(shapes[0])
         run_in_threads(move, look)
         assert both.bvh.nodes.tobytes() == one.bvh.nodes.tobytes()
-        assert both.sah_growth == one.sah_growth
 
     scene = Scene(mesh)
     scene.place(scene.geometries[0], Transform(translate=(5, 0, 0)))
@@ -258,8 +255,7 @@ def test_pictures_have_the_bytes_of_one_device(open_both, halves, world, monkeyp
         assert len(renderer.devices) == 2
         assert (found.rgb.tobytes(), found.hits.t.tobytes()) == (expected.rgb.tobytes(), expected.hits.t.tobytes())
         assert found.samples == expected.samples
-        assert done == sorted({*done})
-        assert [of for _, of in done] == [64 * 50 * found.samples] * len(done)
+        assert done == sorted({(count, 64 * 50 * found.samples) for count, _ in done})
         lost = renderer._frames.caster.all[1].session.context
         fail_on(monkeypatch, lost, DeviceError("gone"), waits=True, of=(DeviceSession, "run"))
         with pytest.warns(DeviceWarning):
@@ -268,10 +264,9 @@ def test_pictures_have_the_bytes_of_one_device(open_both, halves, world, monkeyp
 
 def test_devices_may_be_named_in_many_ways(halves, mesh):
     info = choose_device()
-    for given in ([info], (0, info, str(info.number)), "all"):
-        with Tracer(mesh, device=given) as one:
-            assert one.devices == (info,)
-    with Tracer(mesh, device=halves[0]) as half:
-        assert half.device.compute_units == 1
+    for given in ([info], (0, info, str(info.number))):
+        assert Tracer(mesh, device=given).devices == (info,)
+    assert Tracer(mesh, device="all").device == info
+    assert Tracer(mesh, device=halves[0]).device.compute_units == 1
     with pytest.raises(DeviceError, match="empty"):
         Tracer(mesh, device=[])
