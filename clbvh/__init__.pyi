@@ -68,4 +68,4 @@ from .trace.hits.normals import Normals as Normals
 from .trace.points.refine import ClosestPoints as ClosestPoints
 from .trace.rays.pieces import Progress as Progress
 from .trace.shards import ShardedTracer as ShardedTracer
-from .trace.tracer import Traceable as Traceable, Tracer as Tracer
+from .trace.tracer import Devices as Devices, Traceable as Traceable, Tracer as Tracer

@@ -135,7 +135,7 @@ def cast_ranges(
     """
     devices, least = caster.working, least or LEAST_RANGE
     if len(devices) == 1:
-        run_while_it_fits(devices[0], lambda call: cast(call, range(count), progress))
+        _run_while_it_fits(devices[0], lambda call: cast(call, range(count), progress))
         return
     check_process()
     is_small = count < _LEAST_RANGES * least
@@ -201,7 +201,7 @@ def _take_ranges(device: Caster, cast: CastRange, ranges: Ranges) -> None:
             part = None
 
     try:
-        run_while_it_fits(device, take)
+        _run_while_it_fits(device, take)
     except _DEVICE_ERRORS as error:
         ranges.failed[device] = error
         ranges.returned += [] if part is None else [part]
@@ -211,7 +211,7 @@ def _take_ranges(device: Caster, cast: CastRange, ranges: Ranges) -> None:
         ranges.events.put(None)
 
 
-def run_while_it_fits(device: Caster, work: Callable[[Call], object]) -> None:
+def _run_while_it_fits(device: Caster, work: Callable[[Call], object]) -> None:
     """Run the work of a call, which begins again, with pieces of half the size, while they do not fit the device.
 
     Whether a batch fits is known only when the driver refuses it: other programs use the same memory. The pieces stay

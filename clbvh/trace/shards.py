@@ -26,7 +26,7 @@ from ..errors import ConfigError, QueryError
 from ..geometry import Mesh
 from ..geometry.shards import Shard, read_shards
 from ..scene.scene import Scene
-from ..structs import HIT, NO_PRIM, PACKED_POINT, PACKED_RAY
+from ..structs import HIT, NO_PRIM, PACKED_RAY
 from ..support.compiled import compiled
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads
@@ -37,15 +37,15 @@ from .hits.refine import LEAST_HITS, RefinedHits, refine_closest
 from .hits.surface import Surface
 from .host.lanes import make_host_ray
 from .launch import Call, Caster, Query
-from .points.pack import FAR_SHARE, cut_points_of, find_point_order, pack_points, take_masks, take_points
-from .points.queries import POINT_BYTES
+from .points.pack import FAR_SHARE, pack_points, take_points
+from .points.queries import POINT_BYTES, Search, SeenPoints, cut_pieces
 from .points.refine import ClosestPoints, FoundPoints, refine_points
 from .put_rays import cut_batch, put_rays
-from .ranges import run_while_it_fits
+from .ranges import cast_ranges, cast_rays
 from .ray_queries import check_max_hits
 from .rays.batch import Broadcast, RayBatch, check_room, read_points, read_rays
 from .rays.pack import pack_rays
-from .rays.pieces import CHUNK_RAYS
+from .rays.pieces import CHUNK_RAYS, Progress
 from .world.surface_arrays import SurfacePoints, make_surface_arrays
 from .world.tree_box import TreeBox
 from .world.trees import check_layout
@@ -525,15 +525,15 @@ def _cast_closest(
 ) -> None:  # fmt: skip
     """Replace the hits of rays, the batch, by nearer ones in a shard; `rays` are their indices in the answers."""
 
-    def cast(call: Call) -> None:
-        for piece in cut_batch(call, batch, rays.shape):
+    def cast(call: Call, part: range, _progress: Progress | None) -> None:
+        for piece in cut_batch(call, batch, rays.shape, part=part):
             with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
                 own = rays[piece.begin : piece.begin + len(found)]
                 is_nearer = _keep_nearer(found, own, prim_ids, device_t, hits.prim_id)
                 refine = partial(_refine, caster, batch, piece.begin, found, own, is_nearer, hits)
                 call.threads.for_ranges(len(found), refine, least_items=LEAST_HITS)
 
-    run_while_it_fits(caster, cast)
+    cast_rays(caster, batch, rays.shape, cast, None)
 
 
 @compiled
@@ -585,19 +585,17 @@ def _find_nearer(
     squares: NDArray[np.float32], found: FoundPoints,
 ) -> None:  # fmt: skip
     """Replace the closest points by nearer ones in a shard; `ids` are the indices of the points in the answers."""
-    box, world = caster.world.box, caster.world
+    box, arrays = caster.world.box, caster.world.arrays
 
-    def find(call: Call) -> None:
-        metrics, _ = world.metrics.on(caster.session, call.session)
-        for begin, end in cut_points_of(call, PACKED_POINT, range(len(ids)), None):
-            part = take_points(points, begin, end, box)
-            order = find_point_order(part, box, call.order_by_keys)
-            own = ids[begin:end][order]
-            with call.cast(_CLOSEST_IN_SHARD, pack_points(call, part, take_masks(None, 0, 1), order)) as prims:
+    def cast(call: Call, part: range, _progress: Progress | None) -> None:
+        metrics = Search.begin(call).metrics
+        for piece in cut_pieces(call, SeenPoints(points, None, None), part, None):
+            own = ids[piece.begin : piece.end][piece.order]
+            with call.cast(_CLOSEST_IN_SHARD, pack_points(call, piece.points, piece.masks, piece.order)) as prims:
                 nearer = np.flatnonzero(_keep_nearer(prims, own, prim_ids, squares, found.prim_id))
                 kept, slots = FoundPoints.make(len(nearer)), np.arange(len(nearer), dtype=np.int32)
-                refine_points(part, world.arrays, metrics, box, order[nearer], prims[nearer], kept, slots)
+                refine_points(piece.points, arrays, metrics, box, piece.order[nearer], prims[nearer], kept, slots)
             targets = own[nearer]
             found.distance[targets], found.point[targets], found.instance_id[targets] = kept.distance, kept.point, 0
 
-    run_while_it_fits(caster, find)
+    cast_ranges(caster, len(ids), cast, None)

@@ -95,8 +95,10 @@ def assert_all_alike(sharded, whole, mesh, count):
         assert_same(sharded.closest_point(points), whole.closest_point(points), "distance point prim_id instance_id")
 
 
-@pytest.mark.parametrize(("layout", "quality"), [("auto", "default"), ("bvh2", "fast")])
-@pytest.mark.parametrize("count", [40, 2400])
+@pytest.mark.parametrize(
+    ("layout", "quality", "count"),
+    [("auto", "default", 40), ("auto", "default", 2400), ("bvh2", "fast", 2400), ("bvh8c", "default", 2400)],
+)
 def test_the_answers_are_those_of_the_whole_mesh(mesh, folder, layout, quality, count):
     with (
         clbvh.ShardedTracer(folder, layout=layout, quality=quality) as sharded,
