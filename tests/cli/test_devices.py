@@ -130,7 +130,7 @@ class TestDoctor:
         report = json.loads(answer.stdout)
         assert (answer.returncode, report["is_equal"]) == (1, False)
         assert {each["query"] for each in report["differences"]} == {"any_hit", "count_hits"}
-        assert "6 answers are not the stored ones; first bvh2, any_hit, mesh 'single': is_hit differs" in answer.stderr
+        assert "8 answers are not the stored ones; first bvh2, any_hit, mesh 'single': is_hit differs" in answer.stderr
 
     def test_fix_says_what_it_would_write_writes_it_and_has_nothing_to_do_then(self, tmp_path, monkeypatch):
         """PoCL is found that no driver file names."""
