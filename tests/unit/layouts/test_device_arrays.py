@@ -46,8 +46,13 @@ def unpack(units, unit):
 
 
 def prims_of_leaf(units, unit):
-    prims, _, _, distance = unpack(units, unit)
-    return np.concatenate((prims, prims_of_leaf(units, unit + distance))) if distance else prims
+    prims, corners, _, distance = unpack(units, unit)
+    if not distance:
+        return prims
+    # Another block, since the next triangle would not fit this one.
+    both = np.concatenate((corners, unpack(units, unit + distance)[1][:1])).reshape(-1, 3)
+    assert len(np.unique(both.view(np.uint32), axis=0)) > 16
+    return np.concatenate((prims, prims_of_leaf(units, unit + distance)))
 
 
 def children_of(arrays, layout, node):
@@ -167,6 +172,8 @@ def make_trees():
         for leaf_size in (1, 4, 30):
             yield build(mesh, leaf_size=leaf_size, traversal_cost=1e3 if leaf_size == 30 else 1)
             yield tree_over(spheres, leaf_size)
+    generator = np.random.default_rng(1)
+    yield build(Mesh.from_arrays(generator.normal(size=(12, 3)), generator.integers(0, 12, (300, 3))))
     zeros = np.random.default_rng(0).choice([-1.0, -0.0, 0.0, 1.0], (900, 3))
     yield build(Mesh.from_arrays(zeros, np.arange(900).reshape(-1, 3)))
     yield from (make_tree(), make_leaf(), make_leaf(1), make_chain(300, "left")[1], make_chain(300, "right")[1])

@@ -34,8 +34,7 @@ def test_any_number_of_threads_makes_the_same_bytes(width, monkeypatch):
                     assert bytes_of(wide.widen(bvh, width, threads)) == expected
 
 
-def test_no_thread_reads_what_another_one_writes():
-    """Ranges in any order: what is left over comes last."""
+def test_subtrees_across_the_ends_of_ranges_come_last():
     bvh = build(make_soup(2000, 1, grid=30, size=4), leaf_size=2)
     with HostThreads(1) as threads:
         expected = bytes_of(wide.widen(bvh, 8, threads))
