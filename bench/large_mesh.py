@@ -1,7 +1,7 @@
 """Large meshes: time and memory of each step from a file to hits; and shards against the whole mesh.
 
-``python bench/large_mesh.py 100_000_000`` writes a height field of so many triangles into the folder for temporary
-files, and prints a table. ``python bench/large_mesh.py 10_000_000 --shards 10`` casts as many rays at the mesh and at
+``python bench/large_mesh.py 100_000_000`` writes a height field of 100 million triangles as a temporary file, and
+prints a table. ``python bench/large_mesh.py 10_000_000 --shards 10`` casts as many rays at the mesh and at
 its shards, each in a process of its own, twice; all trees are kept from the first time. Linux alone.
 """
 

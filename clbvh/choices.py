@@ -24,3 +24,6 @@ DEFAULT_FRAME_RATE = 25.0
 
 # Pixels of each view of `contact_sheet`.
 SHEET_WIDTH, SHEET_HEIGHT = 400, 300
+
+# Triangles of a shard, on average at most: with its tree and its device arrays one takes about 4 GB.
+DEFAULT_SHARD_TRIANGLES = 20_000_000

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from ..choices import DEFAULT_SHARD_TRIANGLES
 from . import options
 
 
@@ -16,8 +17,8 @@ def shard(
     *,
     output: Annotated[Path, Parameter(name=("--output", "-o"), metavar="FOLDER")],
     triangles: Annotated[
-        int, Parameter(converter=options.read_whole, metavar="N", show_default="20000000")
-    ] = 20_000_000,
+        int, Parameter(converter=options.read_whole, metavar="N", show_default=True)
+    ] = DEFAULT_SHARD_TRIANGLES,
     as_json: options.AsJson = False,
 ) -> None:
     """Cut a mesh into shards, of which clbvh.ShardedTracer has one at a time in memory.

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..choices import DEFAULT_SHARD_TRIANGLES
 from ..errors import ConfigError, MeshError, shorten_message
 from ..support.archive import read_members
 from ..support.compiled import compiled
@@ -36,9 +37,6 @@ from .mesh import MAX_FACE_COUNT, Mesh, mesh_in_frame
 
 INDEX_FILE = "shards.json"
 FORMAT_VERSION = 1
-
-# Triangles of a shard, on average at most: with its tree and its device arrays one takes about 4 GB.
-DEFAULT_TRIANGLES = 20_000_000
 
 # Cells of the histogram along each axis of a cube around the mesh.
 _AXIS_CELLS = 1 << 7
@@ -126,7 +124,7 @@ class Shard:
 
 
 def shard_mesh(
-    mesh: MeshLike, folder: str | os.PathLike[str], *, triangles: int = DEFAULT_TRIANGLES
+    mesh: MeshLike, folder: str | os.PathLike[str], *, triangles: int = DEFAULT_SHARD_TRIANGLES
 ) -> tuple[Shard, ...]:
     """Cut a mesh into shards, compact pieces of about equally many triangles, which `ShardedTracer` reads.
 
