@@ -69,3 +69,4 @@ from .trace.points.refine import ClosestPoints as ClosestPoints
 from .trace.rays.pieces import Progress as Progress
 from .trace.shards import ShardedTracer as ShardedTracer
 from .trace.tracer import Devices as Devices, Traceable as Traceable, Tracer as Tracer
+from .viewer.open import view as view

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # The only reasons for which a test may skip where REQUIRE_DEVICE is set: missing things that are no part of the
 # project.
-_MAY_BE_MISSING = ("CLBVH_MESHES", "docker:", "peers:", "compilers for GPUs:")
+_MAY_BE_MISSING = ("CLBVH_MESHES", "docker:", "peers:", "compilers for GPUs:", "browser:")
 REQUIRE_DEVICE = "CLBVH_REQUIRE_DEVICE"
 
 _OUT = Path(__file__).parents[1] / "out"

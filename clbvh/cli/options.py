@@ -155,11 +155,11 @@ def find_cache_folder(use_cache: bool, folder: Path | None) -> Path | None:
 
     None, said once, also where the user's cache cannot be written to; a folder that is named must be one.
     """
-    from ..builders.tree_cache import find_tree_cache
-    from ..support.folders import is_writable, say_unusable
-
     if folder is not None or not use_cache:
         return folder
+    from ..builders.tree_cache import find_tree_cache  # a command that opens a page first does not wait for it
+    from ..support.folders import is_writable, say_unusable
+
     users = find_tree_cache()
     if is_writable(users):
         return users

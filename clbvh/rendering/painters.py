@@ -39,6 +39,12 @@ from .view import View
 BAND_PIXELS = 2**24
 _PAINTER_BYTES = 2**29
 
+# Time of one launch, by default: a picture can be stopped between launches.
+LAUNCH_S = 0.25
+
+# Rows of the first band where launches are to be short, and the most by which the next band is larger.
+_FIRST_ROWS, _MOST_GROWTH = 32, 4
+
 # Columns and rows that painters may have beside those of a band.
 _BORDER = 2
 
@@ -129,6 +135,7 @@ class FrameRenderer:
         times: EventTimes | None = None,
         others: Mapping[DeviceSession, OneRayPainter | SamplePainter] | None = None,
         on_rows: RowProgress | None = None,
+        launch_s: float = LAUNCH_S,
     ) -> tuple[NDArray[np.uint8], NDArray[np.void]]:
         """Return the colours and the hits of one view.
 
@@ -142,6 +149,8 @@ class FrameRenderer:
             The painters on the other devices.
         on_rows : function, optional
             Called with the number of rows that are done, or parts of them, and of all rows.
+        launch_s : float
+            Where below the usual, rows of a band are chosen so that a launch takes about this time.
 
         Returns
         -------
@@ -176,7 +185,8 @@ class FrameRenderer:
             shared_times, session.times = session.times, times or session.times
             try:
                 # Other programs take memory of the device, too: then bands are halved.
-                _render_bands(call, view, own, rows, max(1, fitting >> call.caster.halvings), colours, hits, on_rows)
+                most = max(1, fitting >> call.caster.halvings)
+                _render_bands(call, view, own, rows, most, colours, hits, on_rows, launch_s)
             finally:
                 session.times = shared_times
 
@@ -188,24 +198,30 @@ class FrameRenderer:
 
 def _render_bands(
     call: Call, view: NDArray[np.void], painter: Any, rows: range, band_rows: int, colours: NDArray[Any],
-    hits: NDArray[Any], on_rows: RowProgress | None,
+    hits: NDArray[Any], on_rows: RowProgress | None, launch_s: float,
 ) -> None:  # fmt: skip
-    """Fill rows of the colours and the hits, this many at a time."""
+    """Fill rows of the colours and the hits, at most this many at a time."""
     session, memory, (height, width) = call.session, call.memory, hits.shape
     sizes = {"view": VIEW.itemsize, "colours": band_rows * width * _CHANNELS, "hits": band_rows * width * hits.itemsize}
     buffers = {name: memory.buffer(name, for_mapping=False).take(size) for name, size in sizes.items()}
     session.write(buffers["view"], view)
-    for first_row in range(rows.start, rows.stop, band_rows):
-        end = min(first_row + band_rows, rows.stop)
+    first_row, row_count = rows.start, band_rows if launch_s >= LAUNCH_S else min(_FIRST_ROWS, band_rows)
+    while first_row < rows.stop:
+        end = min(first_row + row_count, rows.stop)
 
         def report(share: float, first_row: int = first_row, end: int = end) -> None:
             call.check_stopped()
             if on_rows is not None:
                 on_rows(first_row + (end - first_row) * share, height)
 
-        painter.paint(Band(memory, width, height, first_row, end - first_row, report, **buffers))
+        spent_s = painter.paint(Band(memory, width, height, first_row, end - first_row, report, **buffers))
         session.download(buffers["colours"], colours[first_row:end])
         session.download(buffers["hits"], hits[first_row:end])
+        first_row = end
+        if launch_s < LAUNCH_S:
+            tile_rows = session.settings.tile[1]
+            fitting = int(min(launch_s / max(spent_s, 1e-9), _MOST_GROWTH) * row_count) // tile_rows * tile_rows
+            row_count = min(max(tile_rows, fitting), band_rows)
 
 
 # Macros of kernels for views without a cut and without lines.
@@ -272,20 +288,21 @@ class OneRayPainter:
         self._kernel = build_kernel(session, "render", {**world.defines, **parts})
         self._entry_points = _ViewEntryPoints(session, world, self._tile, 0.0)
 
-    def paint(self, band: Band) -> None:
-        """Fill the colours and the hits of a band."""
+    def paint(self, band: Band) -> float:
+        """Fill the colours and the hits of a band; return the seconds of the launch."""
+        begin = time.perf_counter()
         starts = self._entry_points.find(band)
         outputs = {"colours": band.colours, "hits": band.hits}
         band.run(self._kernel, band.size, self._tile, **self._arguments, **starts, **band.rows, **outputs)
+        band.memory.session.finish()
+        band.report(1.0)
+        return time.perf_counter() - begin
 
 
 # The kernel that makes colours of the film; it knows no tree.
 _DEVELOP = "develop"
 
 _FILM_BYTES = 16  # four channels of float32
-
-# Time of one launch, at about which the next number of samples is chosen: a picture can be stopped between launches.
-_LAUNCH_S = 0.25
 
 # A launch takes a multiple of it, but for the last one: the samples of a pair share work, see cl/film/studio.cl.
 _LEAST_SAMPLES = 2
@@ -315,6 +332,8 @@ class Progress:
         Samples of each pixel that were taken, by the first row of the band.
     film : (height, width, 4) float32, or None
         Is filled with the means of the samples: linear red, green and blue, and the share that is covered.
+    launch_s : float
+        Time of one launch, at about which the next number of samples is chosen.
     """
 
     samples: int
@@ -322,6 +341,7 @@ class Progress:
     is_stopped: Callable[[], bool] = lambda: False
     of_bands: dict[int, int] = field(default_factory=dict)
     film: NDArray[np.float32] | None = None
+    launch_s: float = LAUNCH_S
 
     @property
     def taken(self) -> int:
@@ -382,8 +402,8 @@ class SamplePainter:
         """Bytes of the largest buffer for each pixel, beside those of the band."""
         return _FILM_BYTES * (CELL_PIXELS if self.shading.join_cells else 1)
 
-    def paint(self, band: Band) -> None:
-        """Fill the colours and the hits of a band."""
+    def paint(self, band: Band) -> float:
+        """Fill the colours and the hits of a band; return the seconds of the first launch."""
         shading, size = self.shading, band.size
         film = band.take("film", band.width * band.row_count * _FILM_BYTES)
         arguments = {**shading.arguments, **self.arguments, **band.rows}
@@ -391,11 +411,13 @@ class SamplePainter:
             # Cells are not the tiles of pixels for which entry points are found: their rays begin at the root.
             columns, rows = band.width + _BORDER, band.row_count + _BORDER
             cells = band.take("cells", CELL_PIXELS * columns * rows * _FILM_BYTES)
-            taken = self._take_samples(band, (columns, rows), {**arguments, **AT_THE_ROOT, "film": cells})
+            taken, launch_s = self._take_samples(band, (columns, rows), {**arguments, **AT_THE_ROOT, "film": cells})
             width, row_count = map(np.int32, size)
             band.run(shading.join_cells, size, shading.tile, cells=cells, width=width, row_count=row_count, film=film)
         else:
-            taken = self._take_samples(band, size, {**arguments, **shading.entry_points.find(band), "film": film})
+            taken, launch_s = self._take_samples(
+                band, size, {**arguments, **shading.entry_points.find(band), "film": film}
+            )
         band.run(
             shading.develop, size, shading.tile, film=film, row_count=np.int32(band.row_count),
             sample_count=np.int32(taken), view=band.view, colours=band.colours,
@@ -405,10 +427,11 @@ class SamplePainter:
             rows_of_film = kept[band.first_row : band.first_row + band.row_count]
             band.memory.session.download(film, rows_of_film)
             rows_of_film /= np.float32(taken)
+        return launch_s
 
-    def _take_samples(self, band: Band, size: tuple[int, int], arguments: dict[str, Any]) -> int:
-        """Add samples to the film, with this many work-items; return how many of each pixel."""
-        progress = self.progress
+    def _take_samples(self, band: Band, size: tuple[int, int], arguments: dict[str, Any]) -> tuple[int, float]:
+        """Add samples to the film, with this many work-items; return how many, and the seconds of the first launch."""
+        progress, first_s = self.progress, 0.0
         first, count = 0, min(_LEAST_SAMPLES, progress.samples)
         end_s = self.begin + progress.time_limit_s * (band.first_row + band.row_count) / band.height
         while True:
@@ -417,11 +440,12 @@ class SamplePainter:
             band.run(self.shading.kernel, size, self.shading.tile, **arguments, **chosen, hits=band.hits)
             band.memory.session.finish()
             now = time.perf_counter()
+            first_s = first_s or now - begin
             first += count
             band.report(first / progress.samples)
             if first >= progress.samples or progress.is_stopped() or now > end_s:
-                return first
-            fitting = int(_LAUNCH_S * count / max(now - begin, 1e-9)) // _LEAST_SAMPLES * _LEAST_SAMPLES
+                return first, first_s
+            fitting = int(progress.launch_s * count / max(now - begin, 1e-9)) // _LEAST_SAMPLES * _LEAST_SAMPLES
             count = min(progress.samples - first, max(_LEAST_SAMPLES, fitting))
 
 

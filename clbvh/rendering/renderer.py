@@ -30,12 +30,15 @@ from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
 from ..support.opened import digest_of, open_once
 from ..support.stopwatch import Stopwatch, add_total
+from ..trace.hits.closest import find_closest_hits
+from ..trace.hits.hits import Hits
+from ..trace.rays.batch import read_rays
 from .built_scene import BuiltScene
 from .cameras.camera import Camera
 from .kernel_view import is_lit_as_studio, make_kernel_view
 from .open_scene import SceneLike, as_scene
 from .options import RenderOptions
-from .painters import FrameRenderer, Painters, Progress, open_session
+from .painters import LAUNCH_S, FrameRenderer, Painters, Progress, open_session
 from .picture import Picture
 from .view import MAX_SAMPLES, View
 from .view_finder import ViewFinder
@@ -181,6 +184,7 @@ class Renderer(ContextManager):
         on_samples: Callable[[int, int], None] | None = None,
         is_stopped: Callable[[], bool] | None = None,
         keeps_film: bool = False,
+        launch_s: float = LAUNCH_S,
         on_phase: Callable[[str], None] | None = None,
         **changes: Any,
     ) -> Picture:
@@ -194,12 +198,15 @@ class Renderer(ContextManager):
             Seconds. No samples are begun after it, but each pixel gets one at least. Without `samples`, as many are
             taken as the time allows.
         on_samples : function, optional
-            Called with the samples that are done, and that all pixels are to get, after each launch of the kernel.
+            Called with the samples that are done, and that all pixels are to get, after each launch of the kernel. An
+            error that it raises ends the picture.
         is_stopped : function, optional
             Asked after each launch, by the threads of several devices; if it returns True, the picture shows the
             samples taken so far.
         keeps_film : bool
             Whether the picture keeps the linear colours of its samples, see `Picture.film`.
+        launch_s : float
+            Seconds that a launch takes, about, where a device is shared or a picture is to end soon; less is slower.
         on_phase : function, optional
             Called with the name of each phase as it begins.
         **changes
@@ -245,7 +252,7 @@ class Renderer(ContextManager):
         has_end = time_limit_s is None or view.samples is not None
         limit_s = np.inf if time_limit_s is None else float(time_limit_s)
         count = view.sample_count if has_end else MAX_SAMPLES
-        progress, pixel_samples = Progress(count, limit_s, is_stopped or bool), view.width * count
+        progress, pixel_samples = Progress(count, limit_s, is_stopped or bool, launch_s=launch_s), view.width * count
         if keeps_film and view.shading not in REPORT_SHADINGS:
             check_memory("the film of the picture", view.width * view.height * _FILM_BYTES, SceneError)
             progress.film = np.empty((view.height, view.width, 4), np.float32)
@@ -260,7 +267,7 @@ class Renderer(ContextManager):
             if on_samples is not None:
                 on_samples(round(rows * pixel_samples), height * pixel_samples)
 
-        colours, found = self._frames.render(described, next(iter(painters.values())), times, painters, show)
+        colours, found = self._frames.render(described, next(iter(painters.values())), times, painters, show, launch_s)
         rgb = np.empty((*found.shape, 3), np.uint8)
         for channel in range(3):  # 14 times as fast as colours[..., :3].copy()
             rgb[..., channel] = colours[..., channel]
@@ -404,6 +411,44 @@ class Renderer(ContextManager):
         (-0.0, -0.0, -1.0)
         """
         return self._finder.camera(self._finder.complete(self._find_view(view, changes)))
+
+    def hits_at(self, pixels: ArrayLike, view: View | None = None, **changes: Any) -> Hits:
+        """Return what points of a picture show, without rendering it.
+
+        Parameters
+        ----------
+        pixels : (..., 2) float, pixels
+            See `Camera.rays_at`: (0.5, 0.5) is the centre of the first pixel.
+        view : View, optional
+            By default that of the renderer.
+        **changes
+            Settings of `View`, in place of those of the view.
+
+        Returns
+        -------
+        Hits
+            In the shape (...), as `Tracer.closest_hit` returns them; a cut takes its part away.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.Renderer(clbvh.make_shape("icosphere", triangles=320)) as renderer:
+        ...     hits = renderer.hits_at([[400, 225], [0, 0]], side="front")
+        >>> hits.is_hit
+        array([ True, False])
+        """
+        view = self._finder.complete(self._find_view(view, changes))
+        origins, directions = self._finder.camera(view).rays_at(pixels, view.width, view.height)
+
+        def cast(t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf) -> Hits:
+            return find_closest_hits(self._frames.caster, *read_rays(origins, directions, t_min, t_max), None)
+
+        if view.cut is None:
+            return cast()
+        begin, end = view.cut.ranges(origins, directions)
+        is_before = cast(t_max=np.where(begin <= end, begin, np.inf)).is_hit
+        hits = cast(np.where(is_before, 0.0, np.maximum(end, 0.0)), np.where(is_before & (begin <= end), begin, np.inf))
+        return replace(hits, t=view.cut.limit(np.asarray(hits.t, np.float64), origins, directions))
 
     def turntable(self, count: int, view: View | None = None, **changes: Any) -> list[Camera]:
         """Return the cameras of a full turn, which all see the whole scene from the same distance.

@@ -506,6 +506,19 @@ class Scene:
         """
         return self._find("geometry", name, self._geometries)
 
+    def view(self, view: Any = None, options: Any = None, **changes: Any) -> Any:
+        """Look at the scene as it is now: live, in the notebook or in the browser; see `clbvh.view`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
+        >>> scene.view(shading="ao")  # doctest: +SKIP
+        """
+        import clbvh  # whose function it is: a scene knows nothing of the rooms above it
+
+        return clbvh.view(self, view, options, **changes)
+
     def _find(self, kind: str, name: object, things: Named[Any]) -> Any:
         with self._lock:
             if isinstance(name, str) and name in things:

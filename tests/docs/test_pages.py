@@ -31,6 +31,7 @@ MESHES = ("part.ply", "bunny.ply", "bun_zipper.ply", "dragon_871k.ply", "scan.pl
 # Commands that other tests run, and their reasons; the names and options of all are checked.
 NOT_RUN = {
     "clbvh fetch": "needs a network",
+    "clbvh view": "opens a page until Ctrl-C",
     "clbvh tune": "measures for a minute",
     "clbvh doctor": "starts a process for each driver",
     "clbvh warmup": "compiles everything",

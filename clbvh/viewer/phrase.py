@@ -1,0 +1,79 @@
+"""What is seen, in words that repeat it: the command `clbvh render`, and Python."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Sequence
+from typing import Any
+
+from ..errors import ConfigError
+from ..rendering.cameras.projection import Projection, text_of
+from ..rendering.cut import Cut
+from ..rendering.scene_file import plain_view
+from ..rendering.settings import Setting, list_settings, settings_of
+from ..rendering.view import View
+
+
+def phrase_command(sources: Sequence[str], own: View, view: View) -> str:
+    """Return the command that renders a view.
+
+    Parameters
+    ----------
+    sources : sequence of str
+        The names of files, or of a scene.
+    own : View
+        That of a scene file, whose settings hold where the command says nothing.
+    view : View
+
+    Raises
+    ------
+    ConfigError
+        There are no files, or an option cannot say a setting.
+    """
+    if not sources:
+        raise ConfigError("what is shown has no file that a command could name: copy the Python")
+    words = ["clbvh", "render", *sources]
+    for each in list_settings(View):
+        value = _get(view, each)
+        if value == _get(own, each) or (each.kind.members is not None and each.name != "wireframe"):
+            continue
+        if not each.is_option or each.name == "environment" or (value is None and each.kind.option is not bool):
+            raise ConfigError(f"an option cannot say the view's {each.name}: copy the Python")
+        option = each.name.replace("_", "-")
+        if each.kind.option is bool:
+            words.append(f"--{option}" if value else f"--no-{option}")
+        else:
+            words += [f"--{option}", _phrase_value(value)]
+    return shlex.join([*words, "-o", "picture.png"])
+
+
+def phrase_python(sources: Sequence[str], view: View) -> str:
+    """Return Python that renders a view."""
+    settings = ", ".join(f"{name}={value!r}" for name, value in plain_view(view).items() if name != "camera")
+    if view.camera is not None:
+        settings += f"{', ' * bool(settings)}camera={_qualify(repr(view.camera))}"
+    source = repr(list(sources) if len(sources) > 1 else sources[0]) if sources else "scene"
+    return f"view = clbvh.View({settings})\npicture = clbvh.render({source}, view)"
+
+
+def _get(view: View, setting: Setting) -> Any:
+    """Return a setting, also a member of a group, such as ``light_direction``; its default where there is no group."""
+    if setting.name in settings_of(View):
+        return getattr(view, setting.name)
+    group, _, member = setting.name.partition("_")
+    return getattr(getattr(view, group), member, setting.default)
+
+
+def _phrase_value(value: Any) -> str:
+    if isinstance(value, tuple):
+        return (";" if isinstance(value[0], tuple) else ",").join(map(_phrase_value, value))
+    if isinstance(value, Cut):
+        return value.text
+    if isinstance(value, Projection):
+        return text_of(value)
+    return value if isinstance(value, str) else repr(value)
+
+
+def _qualify(text: str) -> str:
+    return re.sub(r"\b(Camera|Lens|Orthographic|Fisheye|Panorama)\(", r"clbvh.\1(", text)
