@@ -91,10 +91,11 @@ def build(
 
     Parameters
     ----------
-    mesh : Mesh, trimesh.Trimesh, str, path or (vertices, faces)
-        A path names a mesh file, see `clbvh.load_mesh`. For the quality ``"fast"`` vertices and faces may be a
-        `pyopencl.array.Array`, float32 or float64, and int32, in one context: the device copies them, and the host
-        downloads what it reads. Without double precision there, or on another device, they go by way of the host.
+    mesh : Mesh, str, path, (vertices, faces), or an object of trimesh, pyvista, Open3D, meshio
+        See `clbvh.MeshLike`. A path names a mesh file, see `clbvh.load_mesh`. For the quality ``"fast"`` vertices and
+        faces may be a `pyopencl.array.Array`, float32 or float64, and int32, in one context: the device copies them,
+        and the host downloads what it reads. Without double precision there, or on another device, they go by way of
+        the host.
     workers : int, optional
         Threads that build, at most; the number of usable processors without it. A small mesh is built by fewer: one
         for every 10,000 triangles, unless a task threshold is given.

@@ -29,7 +29,7 @@ _LONGEST_METAVAR = 24  # characters; cyclopts breaks longer ones
 _TREE_PANEL = Group("Tree and device", sort_key=99)
 
 _SOURCE_HELP = (
-    "A mesh file (PLY, OBJ, STL, OFF, GLB, glTF), a scene file (.toml), or a shipped scene: "
+    "A mesh file (PLY, OBJ, STL, OFF, GLB, glTF, 3MF, DAE, STEP), a scene file (.toml), or a shipped scene: "
     "demo, bunny, cornell, dragon, drill, galaxy, hall, knot, meadow, palace, still-life, terrain, weekend."
 )
 _CACHE_HELP = "Keep the tree for later runs, and use one that was kept."

@@ -17,7 +17,7 @@ from ..errors import MeshError
 def as_array(values: ArrayLike, name: str, shape: str = "(n, 3)") -> NDArray[Any]:
     """Return values as an array; raise `MeshError` where they are none, or where some are masked."""
     try:
-        array = np.asarray(values)
+        array = np.asarray(pick_xyz(values))
     except ValueError as error:
         raise MeshError(f"{name} must be an array of shape {shape}, but the rows differ in length: {error}") from error
     except TypeError as error:
@@ -25,6 +25,11 @@ def as_array(values: ArrayLike, name: str, shape: str = "(n, 3)") -> NDArray[Any
     if has_masked_values(values):
         raise MeshError(f"{name} must be numbers, but some are masked: fill them, or leave their rows out")
     return array
+
+
+def pick_xyz(values: Any) -> Any:
+    """Return the columns x, y and z of a table, such as a `pandas.DataFrame`, that has them; else the values."""
+    return values[["x", "y", "z"]] if hasattr(values, "columns") and {"x", "y", "z"} <= set(values.columns) else values
 
 
 def check_numbers(array: NDArray[Any], name: str) -> None:

@@ -1,163 +1,39 @@
-"""A `Mesh` of anything that describes one: an object such as a `trimesh.Trimesh`, a path, or two arrays.
+"""A `Mesh` of anything that describes one: an object of trimesh, pyvista, Open3D or meshio, a path, or two arrays.
 
-Owns the list of accepted types, and the looks of trimesh's objects: colours of vertices or faces, or texture
-coordinates with a material. Colours are sRGB, but for the factors of a `PBRMaterial`, which are linear as in glTF
-files. Normals are not taken: those that trimesh has read cannot be told from those that it has computed, which smooth
-over every edge.
+Owns the list of accepted types. Objects are known by their attributes: none of the libraries is imported.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Iterable
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import MeshError
-from .appearance.appearance import Appearance
-from .appearance.material import OPAQUE, Material, Texture, copy_with_alpha
-from .appearance.srgb import srgb_to_linear
-from .loading.file_mesh import Problems, finish_looks, spread_colours, spread_uvs
+from ..errors import MeshError, shorten_message
+from .loading.file_mesh import cut_fans, finish_looks, join_channels, spread_colours
 from .loading.load import load_mesh
+from .loading.trimesh import HasGraph, HasTriangles, join_graph, mesh_of_object, read_graph
 from .mesh import Mesh
-
-_MAX_BYTE = 255
-
-
-def read_trimesh_looks(mesh: Any, faces: NDArray[np.integer], name: str) -> Appearance | None:
-    """Return the looks of an object's triangles, None if it says nothing of them.
-
-    Looks that cannot be used become one `AppearanceWarning`.
-
-    Parameters
-    ----------
-    mesh : trimesh.Trimesh
-        Or anything else; what it has in `visual` is read.
-    faces : (F, 3) int
-        The triangles, checked.
-    name : str
-        Of the object, for the warning.
-    """
-    visual: Any = getattr(mesh, "visual", None)
-    kind = getattr(visual, "kind", None)
-    if kind is None:
-        return None
-    problems = Problems()
-    looks: dict[str, NDArray] = {}
-    materials: list[Material] = []
-    with problems.drop("the colours"):
-        if kind == "vertex":
-            looks["colours"] = spread_colours(_as_colours(visual.vertex_colors), faces)
-        elif kind == "face":
-            colours = _as_colours(visual.face_colors)
-            if len(colours) != len(faces):
-                raise MeshError(f"there are {len(colours):,} for {len(faces):,} faces")
-            looks["colours"] = np.repeat(colours[:, None], 3, axis=1)
-    if kind == "texture":
-        if getattr(visual, "uv", None) is not None:
-            with problems.drop("the texture coordinates"):
-                looks["uvs"] = spread_uvs(np.asarray(visual.uv, np.float64)[:, :2], faces)
-        with problems.drop("the material"):
-            several = list(getattr(visual.material, "materials", None) or [])
-            if several and visual.face_materials is not None:
-                ids = np.asarray(visual.face_materials).astype(np.int32)
-                if len(ids) != len(faces) or not 0 <= ids.min() <= ids.max() < len(several):
-                    raise MeshError("its numbers do not fit the faces")
-                looks["material_ids"] = ids
-            textures: dict[tuple[int, bool, bool], Texture] = {}
-            materials = [_make_material(one, textures) for one in several or [visual.material]]
-    problems.warn(name)
-    return finish_looks(looks, materials)
-
-
-def _as_colours(values: Any) -> NDArray[np.uint8]:
-    colours = np.asarray(values)
-    if colours.dtype != np.uint8 or colours.ndim != 2 or colours.shape[1] not in (3, 4):
-        raise MeshError(f"they are {colours.dtype} of shape {colours.shape}, not uint8 of shape (n, 4)")
-    return copy_with_alpha(colours)
-
-
-def _make_material(material: Any, textures: dict[tuple[int, bool, bool], Texture]) -> Material:
-    """Return a material of a `PBRMaterial`, or of a `SimpleMaterial`."""
-
-    def texture(image: Any, *, is_srgb: bool = True, is_opaque: bool = True) -> Texture | None:
-        if image is None:
-            return None
-        key = id(image), is_srgb, is_opaque
-        if key not in textures:
-            pixels = np.array(image.convert("RGBA"))
-            if is_opaque:
-                pixels[..., 3] = OPAQUE
-            textures[key] = Texture(str(getattr(material, "name", None) or "texture"), pixels, is_srgb)
-        return textures[key]
-
-    name = str(getattr(material, "name", None) or "")
-    if not hasattr(material, "baseColorFactor"):
-        diffuse = _as_shares(getattr(material, "diffuse", None), (1.0, 1.0, 1.0, 1.0))
-        red, green, blue = (float(value) for value in srgb_to_linear(diffuse[:3]))
-        gloss = max(0.0, float(getattr(material, "glossiness", None) or 0.0))
-        return Material(
-            name,
-            (red, green, blue),
-            alpha=diffuse[3],
-            roughness=(2 / (gloss + 2)) ** 0.25 if gloss > 0 else Material.roughness,  # as in MTL files
-            base_colour_texture=texture(getattr(material, "image", None), is_opaque=False),
-        )
-    factor = _as_shares(material.baseColorFactor, (1.0, 1.0, 1.0, 1.0))
-    light = _as_shares(getattr(material, "emissiveFactor", None), (0.0, 0.0, 0.0))
-    mode = getattr(material, "alphaMode", None) or "OPAQUE"
-    cutoff = getattr(material, "alphaCutoff", None)
-    return Material(
-        name,
-        (factor[0], factor[1], factor[2]),
-        alpha=1.0 if mode == "OPAQUE" else factor[3],
-        alpha_cutoff=None if mode != "MASK" else 0.5 if cutoff is None else float(cutoff),
-        metallic=_as_share(getattr(material, "metallicFactor", None)),
-        roughness=_as_share(getattr(material, "roughnessFactor", None)),
-        emission=(light[0], light[1], light[2]),
-        base_colour_texture=texture(getattr(material, "baseColorTexture", None), is_opaque=mode == "OPAQUE"),
-        metallic_roughness_texture=texture(getattr(material, "metallicRoughnessTexture", None), is_srgb=False),
-        emission_texture=texture(getattr(material, "emissiveTexture", None)),
-        normal_texture=texture(getattr(material, "normalTexture", None), is_srgb=False),
-    )
-
-
-def _as_shares(values: Any, default: tuple[float, ...]) -> list[float]:
-    """Return numbers from 0 to 1, as many as the default has; whole numbers are shares of 255."""
-    if values is None:
-        return list(default)
-    array = np.asarray(values)
-    shares = array / _MAX_BYTE if array.dtype.kind in "iu" and array.dtype.itemsize == 1 else array.astype(np.float64)
-    shares = np.append(shares, default[len(shares) :])
-    if len(shares) < len(default) or not np.isfinite(shares).all():
-        raise MeshError(f"it has the colour {values}")
-    return [float(share) for share in np.clip(shares, 0, 1)[: len(default)]]
-
-
-def _as_share(value: Any) -> float:
-    return 1.0 if value is None else min(1.0, max(0.0, float(value)))
-
 
 _MAX_SHOWN = 60  # characters of a wrong value in a message
 
 
 @runtime_checkable
-class HasTriangles(Protocol):
-    """An object with the arrays of a triangle mesh, such as a `trimesh.Trimesh`."""
+class HasPoints(Protocol):
+    """An object with points and cells, such as a `pyvista.PolyData` or a `meshio.Mesh`."""
 
     @property
-    def vertices(self) -> Any:
+    def points(self) -> Any:
         """(V, 3) float."""
 
-    @property
-    def faces(self) -> Any:
-        """(F, 3) int."""
 
-
-MeshLike: TypeAlias = Mesh | HasTriangles | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]
-"""Anything that describes a mesh: a `Mesh`, a `trimesh.Trimesh`, the path of a mesh file, or ``(vertices, faces)``."""
+MeshLike: TypeAlias = Mesh | HasTriangles | HasGraph | HasPoints | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]
+"""Anything that describes a mesh: a `Mesh`, the path of a mesh file, ``(vertices, faces)``, or an object of trimesh,
+pyvista, Open3D or meshio; see `docs/objects.md`."""
 
 
 def as_mesh(thing: MeshLike, *, or_else: str = "") -> Mesh:
@@ -165,8 +41,10 @@ def as_mesh(thing: MeshLike, *, or_else: str = "") -> Mesh:
 
     Parameters
     ----------
-    thing : Mesh, trimesh.Trimesh, str, path or (vertices, faces)
-        A `Mesh` is returned as it is; arrays are checked and copied, a file is loaded.
+    thing : Mesh, str, path, (vertices, faces), or an object of trimesh, pyvista, Open3D or meshio
+        A `Mesh` is returned as it is; arrays are checked and copied, a file is loaded. A `trimesh.Scene` becomes one
+        mesh whose parts are its nodes; a grid of pyvista its surface. Polygons of pyvista are cut by its own
+        `triangulate`, those of meshio into fans, as those of files.
     or_else : str, optional
         Other types that the caller accepts, for the error's message: ``"a clbvh.Bvh"``.
 
@@ -187,31 +65,89 @@ def as_mesh(thing: MeshLike, *, or_else: str = "") -> Mesh:
         return load_mesh(thing)
     if isinstance(thing, tuple | list) and len(thing) == 2:
         return Mesh.from_arrays(*thing)
-    if isinstance(thing, HasTriangles) and not isinstance(thing, type):
-        return mesh_of_object(thing, type(thing).__name__)
+    if not isinstance(thing, type):
+        name = type(thing).__name__
+        if isinstance(thing, HasGraph):
+            return join_graph(read_graph(thing))
+        if isinstance(thing, HasTriangles):
+            return mesh_of_object(thing, name)
+        try:
+            arrays = _read_arrays(thing)
+        except MeshError as error:
+            raise MeshError(f"{name}: {error}") from error
+        except Exception as error:  # other libraries raise anything for an object that is empty
+            detail = shorten_message(f"{type(error).__name__}: {error}")
+            raise MeshError(f"{_describe(thing)} has no triangles that can be read ({detail})") from error
+        if arrays is not None:
+            return _with_colours(Mesh.from_arrays(*arrays[:2], name=name), *arrays[2:])
     raise MeshError(
-        f"expected {or_else}{', ' if or_else else ''}a clbvh.Mesh, a trimesh.Trimesh, the path of a mesh file, or a "
-        f"pair (vertices, faces), not {_describe(thing)}"
+        f"expected {or_else}{', ' if or_else else ''}a clbvh.Mesh, a mesh of trimesh, pyvista, Open3D or meshio, the "
+        f"path of a mesh file, or a pair (vertices, faces), not {_describe(thing)}"
     )
 
 
-def mesh_of_object(thing: HasTriangles, name: str) -> Mesh:
-    """Return the mesh of an object such as a `trimesh.Trimesh`, with its colours, textures and materials.
+def _read_arrays(thing: Any) -> tuple[Any, ...] | None:
+    """Return vertices and triangles of an object, and perhaps colours of vertices; None if it has no known kind."""
 
-    Raises
-    ------
-    MeshError
-        It is no valid mesh.
-    """
-    mesh = Mesh.from_arrays(thing.vertices, thing.faces, name=name)
-    appearance = read_trimesh_looks(thing, mesh.faces, name)
-    return mesh if appearance is None else dataclasses.replace(mesh, appearance=appearance)
+    def has(*names: str) -> bool:
+        return all(hasattr(thing, name) for name in names)
+
+    if has("points", "faces"):  # pyvista.PolyData
+        return _read_polygons(thing)
+    if has("extract_surface"):  # grids and blocks of pyvista
+        try:
+            surface = thing.extract_surface(algorithm=None)  # without it pyvista 0.47 warns of a change
+        except TypeError:
+            surface = thing.extract_surface()
+        return _read_polygons(surface)
+    if has("points", "cells"):  # meshio.Mesh
+        return thing.points, _cut_cells(thing.cells)
+    if has("vertices", "triangles"):  # open3d.geometry.TriangleMesh
+        return np.asarray(thing.vertices), np.asarray(thing.triangles), np.asarray(getattr(thing, "vertex_colors", ()))
+    if has("vertex", "triangle"):  # open3d.t.geometry.TriangleMesh
+        colours = thing.vertex.colors.cpu().numpy() if "colors" in thing.vertex else ()
+        return thing.vertex.positions.cpu().numpy(), thing.triangle.indices.cpu().numpy(), colours
+    return None
+
+
+def _read_polygons(thing: Any) -> tuple[Any, NDArray[np.integer]]:
+    """Return points and triangles of an object of pyvista, whose `faces` list the number of corners before each."""
+    faces = np.asarray(thing.faces)
+    if len(getattr(thing, "strips", ())) or len(faces) % 4 or (faces[::4] != 3).any():
+        thing = thing.triangulate()
+        faces = np.asarray(thing.faces)
+    return thing.points, faces.reshape(-1, 4)[:, 1:]
+
+
+def _cut_cells(blocks: Iterable[Any]) -> NDArray[np.integer]:
+    """Return the triangles of blocks of cells, in their order; lines, points and volumes have none."""
+    faces: list[NDArray[np.integer]] = []
+    kinds = []
+    for block in blocks:
+        kinds.append(str(block.type))
+        if block.type in ("triangle", "quad", "polygon"):
+            corners = np.asarray(block.data)
+            faces.append(cut_fans(corners.ravel(), np.full(len(corners), corners.shape[1])))
+        elif block.dim == 2:
+            raise MeshError(f"cells of the type {block.type} are not read: triangle, quad and polygon are")
+    if not faces:
+        raise MeshError(f"there are no triangle, quad or polygon cells among these: {', '.join(kinds) or 'none'}")
+    return np.concatenate(faces)
+
+
+def _with_colours(mesh: Mesh, colours: Any = ()) -> Mesh:
+    """Return a mesh with sRGB colours of its vertices, (V, 3) float from 0 to 1, if there are any."""
+    if not len(colours):
+        return mesh
+    spread = spread_colours(join_channels(list(np.transpose(colours)), colours.dtype), mesh.faces)
+    return dataclasses.replace(mesh, appearance=finish_looks({"colours": spread}, []))
 
 
 def _describe(thing: object) -> str:
     """Return the type of a wrong value, with the value where it is short."""
     kind = type(thing)
     if kind.__module__ != "builtins":
-        return f"a {kind.__module__.partition('.')[0]}.{kind.__qualname__}"
+        name = f"{kind.__module__.partition('.')[0]}.{kind.__qualname__}"
+        return f"{'an' if name[0] in 'aeio' else 'a'} {name}"
     text = repr(thing)
     return f"{kind.__qualname__} {text}" if len(text) <= _MAX_SHOWN else f"a {kind.__qualname__}"

@@ -130,7 +130,7 @@ def shard_mesh(
 
     Parameters
     ----------
-    mesh : Mesh, trimesh.Trimesh, str, path or (vertices, faces)
+    mesh : MeshLike
         A binary little-endian PLY file of triangles is never in memory as a whole; any other mesh is.
     folder : str or path
         A new folder, or an empty one; it appears complete or not at all.

@@ -9,7 +9,7 @@ from typing import TypeAlias
 from ..bvh import Bvh
 from ..errors import SceneError
 from ..geometry import MeshLike, Spheres
-from ..scene.parts import HasGraph
+from ..geometry.as_mesh import HasGraph
 from ..scene.scene import Scene
 from ..scene.state import SAVED_SCENE
 from ..support.archive import begins_with_member
@@ -18,8 +18,8 @@ from .view import View
 
 SCENE_SUFFIX = ".toml"
 
-SceneLike: TypeAlias = Scene | HasGraph | Bvh | Spheres | MeshLike
-"""Anything to draw: a `Scene`, the path or name of one, a `trimesh.Scene`, a `Bvh`, `Spheres`, or a `MeshLike`."""
+SceneLike: TypeAlias = Scene | Bvh | Spheres | MeshLike
+"""Anything to draw: a `Scene`, the path or name of one, a `Bvh`, `Spheres`, or a `MeshLike`."""
 
 
 def as_scene(source: SceneLike | list[str]) -> tuple[Scene, View]:
@@ -27,7 +27,7 @@ def as_scene(source: SceneLike | list[str]) -> tuple[Scene, View]:
 
     Parameters
     ----------
-    source : Scene, str, path, trimesh.Scene, Bvh, Mesh, Spheres, trimesh.Trimesh, (vertices, faces) or list of str
+    source : SceneLike or list of str
         A list of paths of mesh files is a scene of them all.
 
     Raises
@@ -43,6 +43,8 @@ def as_scene(source: SceneLike | list[str]) -> tuple[Scene, View]:
         return open_scene(source)
     if isinstance(source, list) and source and all(isinstance(each, str | os.PathLike) for each in source):
         return _open_mesh_files(source)
+    if isinstance(source, HasGraph):
+        return Scene(source), View()
     scene = Scene()
     scene.place(scene.add(source.mesh if isinstance(source, Bvh) else source))  # type: ignore[arg-type]
     return scene, View()

@@ -61,7 +61,7 @@ class Renderer(ContextManager):
 
     Parameters
     ----------
-    source : Scene, str, path, trimesh.Scene, Bvh, Spheres, Mesh, trimesh.Trimesh or (vertices, faces)
+    source : Scene, str, path, Bvh, Spheres, Mesh, (vertices, faces), or an object of trimesh, pyvista, Open3D, meshio
         A scene, as it is now; the path or name of one, or the path of a mesh file; a finished tree, which is not built
         again; or a mesh.
     view : View, optional
@@ -546,7 +546,7 @@ def render(
 
     Parameters
     ----------
-    source : Scene, str, path, trimesh.Scene, Bvh, Spheres, Mesh, trimesh.Trimesh or (vertices, faces)
+    source : Scene, str, path, Bvh, Spheres, Mesh, (vertices, faces), or an object of trimesh, pyvista, Open3D, meshio
         A scene; the path or name of one, or the path of a mesh file; a finished tree; or a mesh. A list of paths of
         mesh files is a scene of them all.
     view : View, optional
@@ -605,7 +605,7 @@ def render_images(
 
     Parameters
     ----------
-    source : Scene, str, path, trimesh.Scene, Bvh, Spheres, Mesh, trimesh.Trimesh or (vertices, faces)
+    source : Scene, str, path, Bvh, Spheres, Mesh, (vertices, faces), or an object of trimesh, pyvista, Open3D, meshio
         See `render`.
     channels : iterable of str
         See `Images`.

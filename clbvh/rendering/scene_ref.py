@@ -95,7 +95,7 @@ class SceneRef:
 
         Parameters
         ----------
-        source : Scene, str, path, trimesh.Scene, Bvh, Spheres, Mesh, trimesh.Trimesh or (vertices, faces)
+        source : SceneLike
             See `Renderer`. Trees are built where they arrive.
 
         Raises

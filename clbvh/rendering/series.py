@@ -106,7 +106,7 @@ def contact_sheet(
 
     Parameters
     ----------
-    source : Scene, str, path, trimesh.Scene, Bvh, Spheres, Mesh, trimesh.Trimesh or (vertices, faces)
+    source : Scene, str, path, Bvh, Spheres, Mesh, (vertices, faces), or an object of trimesh, pyvista, Open3D, meshio
         See `render`.
     view : View, optional
         By default that of the scene file, or `View()`. Its camera is left out, and its background is drawn even if it
@@ -246,7 +246,7 @@ def render_turntable(
 
     Parameters
     ----------
-    source : Scene, str, path, trimesh.Scene, Bvh, Spheres, Mesh, trimesh.Trimesh or (vertices, faces)
+    source : Scene, str, path, Bvh, Spheres, Mesh, (vertices, faces), or an object of trimesh, pyvista, Open3D, meshio
         See `render`.
     path : str or path
         Ends in ``.gif`` or ``.mp4``. The file appears when it is complete: an error or Ctrl-C leaves nothing behind.

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..geometry.appearance.material import Material
-from ..geometry.as_mesh import MeshLike, as_mesh
+from ..geometry.as_mesh import HasGraph, MeshLike, as_mesh
 from ..geometry.loading.load import load_parts, load_placed
 from ..geometry.spheres import Shape, Spheres
 from .handles import (
@@ -30,7 +30,7 @@ from .handles import (
     shorten,
 )
 from .names import Named, name_of_file
-from .parts import HasGraph, Parts, PlacedPart, parts_of_file, parts_of_graph, whole_of_graph
+from .parts import Parts, PlacedPart, parts_of_file, parts_of_graph
 from .state import SceneState
 from .transforms import check_transform, check_transforms
 
@@ -45,7 +45,7 @@ class Scene:
 
     Parameters
     ----------
-    source : Mesh, Spheres, trimesh.Trimesh, str, path, (vertices, faces), trimesh.Scene or Scene, optional
+    source : Scene, Spheres, Mesh, str, path, (vertices, faces), or an object of trimesh, pyvista, Open3D, meshio
         Placed once, where it is; see `add`. But a GLB or glTF file, or a `trimesh.Scene`, whose nodes place more than
         twice the triangles that its meshes have, is added part by part, and so is another `Scene`; see `add_parts`.
 
@@ -70,7 +70,7 @@ class Scene:
     (Instance(0, 'ball', of='ball'), Instance(1, 'ball 2', of='ball'))
     """
 
-    def __init__(self, source: Shape | MeshLike | HasGraph | Scene | None = None) -> None:
+    def __init__(self, source: Shape | MeshLike | Scene | None = None) -> None:
         self._lock = threading.RLock()  # re-entrant: several parts are added as one step
         self._geometries, self._instances = Named[Geometry]("a geometry"), Named[Instance]("an instance")
         self._transforms: list[NDArray[np.float64]] = []  # (n, 4, 4) of each call of `place_many`
@@ -82,7 +82,7 @@ class Scene:
         elif isinstance(source, str | os.PathLike):
             self._add_placed(parts_of_file(source, load_placed))
         elif isinstance(source, HasGraph):
-            self._add_placed(whole_of_graph(source))
+            self._add_placed(parts_of_graph(source, joins=True))
         elif source is not None:
             self.place(self.add(source))
 
@@ -194,15 +194,15 @@ class Scene:
 
         return cls.from_state(read_scene(path)[0])
 
-    def add(self, source: Shape | MeshLike | HasGraph, *, name: str | None = None) -> Geometry:
+    def add(self, source: Shape | MeshLike, *, name: str | None = None) -> Geometry:
         """Add a geometry, which is seen by no ray until it is placed.
 
         Parameters
         ----------
-        source : Mesh, Spheres, trimesh.Trimesh, str, path, (vertices, faces) or trimesh.Scene
-            A mesh in any form, or spheres. A file of several parts becomes one mesh with `Mesh.parts`, and so does a
-            `trimesh.Scene`: `Hits.part_id` says which was hit. `add_parts` makes each part a geometry of its own, which
-            can be moved.
+        source : Spheres, Mesh, str, path, (vertices, faces), or an object of trimesh, pyvista, Open3D, meshio
+            A mesh in any form, see `clbvh.MeshLike`, or spheres. A file of several parts becomes one mesh with
+            `Mesh.parts`, and so does a `trimesh.Scene`: `Hits.part_id` says which was hit. `add_parts` makes
+            each part a geometry of its own, which can be moved.
         name : str, optional
             Unique among the geometries of the scene. By default that of the source, with a number where it is taken:
             ``"bunny"``, ``"bunny 2"``.
@@ -230,10 +230,7 @@ class Scene:
             raise SceneError(f"{source!r} is in a scene already: place it again, or add its shape to another scene")
         if isinstance(source, Scene):
             raise SceneError("a clbvh.Scene has geometries and places for them: add it by `add_parts`")
-        if isinstance(source, HasGraph):
-            shape = whole_of_graph(source, always_one=True).shapes[0][0]
-        else:
-            shape = source if isinstance(source, Spheres) else as_mesh(source, or_else="clbvh.Spheres, a trimesh.Scene")
+        shape = source if isinstance(source, Spheres) else as_mesh(source, or_else="clbvh.Spheres")
         wish = name_of_file(shape.name) if isinstance(source, str | os.PathLike) else shape.name
         return self._add(shape, name, wish)
 

@@ -17,6 +17,7 @@ from ..device.info import DeviceInfo
 from ..device.select import choose_devices
 from ..errors import QueryError
 from ..geometry import Mesh, MeshLike
+from ..geometry.as_mesh import HasGraph
 from ..layouts.device_mesh import open_session, take_mesh
 from ..scene.scene import Scene
 from ..scene.state import SceneState
@@ -77,10 +78,11 @@ class Tracer(RayQueries, PointQueries):
 
     Parameters
     ----------
-    source : Scene, Bvh, or Mesh, trimesh.Trimesh, str, path or (vertices, faces)
-        A scene as it is now; a tree; or a mesh. Trees are built in this process, as `clbvh.build` does. A path names a
-        mesh file. Vertices and faces may be a `pyopencl.array.Array`, float32 or float64, and int32: with the quality
-        ``"fast"`` they stay on their device, where the tracer then is; see `clbvh.build`.
+    source : Scene, Bvh, Mesh, str, path, (vertices, faces), or an object of trimesh, pyvista, Open3D, meshio
+        A scene as it is now; a tree; or a mesh, see `clbvh.MeshLike`. A `trimesh.Scene` becomes a `Scene`. Trees are
+        built in this process, as `clbvh.build` does. A path names a mesh file. Vertices and faces may be a
+        `pyopencl.array.Array`, float32 or float64, and int32: with the quality ``"fast"`` they stay on their device,
+        where the tracer then is; see `clbvh.build`.
     device : DeviceInfo, str, int, pyopencl.Device or None, or a sequence of them
         The device: a number, part of its name, ``"gpu"`` or ``"cpu"``; by default a GPU, if there is one. ``"all"``
         stands for all GPUs, under one driver each; a CPU beside them is left to the work on the host. Without a GPU it
@@ -119,6 +121,7 @@ class Tracer(RayQueries, PointQueries):
     ) -> None:
         check_layout(layout)
         devices = choose_devices(device)
+        source = Scene(source) if isinstance(source, HasGraph) else source
         mesh = None if isinstance(source, Scene) else _find_mesh(source, devices[0])
         scene = source if isinstance(source, Scene) else Scene(mesh)
         state = scene.snapshot()

@@ -42,7 +42,7 @@ def view(
 
     Parameters
     ----------
-    source : Scene, str, path, trimesh.Scene, Bvh, Spheres, Mesh, trimesh.Trimesh, (vertices, faces) or Renderer
+    source : SceneLike, list of str, or Renderer
         See `clbvh.render`. A renderer is shown as it is, and stays open.
     view : View, optional
         The settings of the picture. With a width or a height it has that size; otherwise it fills the page.
@@ -94,11 +94,11 @@ def prepare(
     if isinstance(source, str | os.PathLike | list):
         files = [os.fspath(each) for each in (source if isinstance(source, list) else [source])]
         source, own = as_scene(files)
-        settings, view = {"sources": files, "own": own}, view or own
-    default, view = View(), view or View()
-    # Somebody has chosen the size of the picture; otherwise it has that of the page.
-    is_chosen = (view.width, view.height) != (default.width, default.height) or {"width", "height"} & changes.keys()
-    settings |= {"view": view.changed(**changes), "is_sized": bool(is_chosen)}
+        settings = {"sources": files, "own": own}
+    default, given = View(), view or View()
+    # Somebody has asked for a size of the picture; otherwise it has that of the page.
+    is_sized = {"width", "height"} & changes.keys() or (given.width, given.height) != (default.width, default.height)
+    settings |= {"view": (view or settings.get("own", default)).changed(**changes), "is_sized": bool(is_sized)}
     # The first picture is one that needs no tables of surfaces: it is there half a second sooner.
     first = settings["view"].changed(shading=FIRST_SHADING, samples=None)
     return lambda on_phase=None: Opened(Renderer(source, first, options, on_phase=on_phase), settings)

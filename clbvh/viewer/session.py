@@ -190,11 +190,13 @@ class Session:
     def _greet(self) -> None:
         """Tell the page what it shows."""
         mesh, state = self._renderer.mesh, self._renderer.scene.snapshot()
-        objects = f"{state.instance_count:,} objects, {state.placed_prim_count:,} primitives"
+        facts = f"{state.placed_prim_count:,} {'primitives' if mesh is None else 'triangles'}"
+        if state.instance_count > 1:
+            facts = f"{state.instance_count:,} objects, {facts}"
         width, height = (self._start.width, self._start.height) if self._is_sized else (None, None)
         self._say({
             "type": "scene", "title": ", ".join(self._sources) if mesh is None else mesh.name,
-            "facts": objects if mesh is None else f"{len(mesh.faces):,} triangles",
+            "facts": facts,
             "shadings": list(SHADINGS), "sides": list(STANDARD_VIEWS), "width": width, "height": height,
         })  # fmt: skip
         self._say_state()
@@ -514,6 +516,9 @@ class Session:
         }, content)  # fmt: skip
         if self._marks:
             self._say_overlay(picture)
+        if index == 1:
+            # What a click takes is compiled once on a machine: before the first one.
+            self._find_point((0.0, 0.0))
 
     def _say_overlay(self, picture: Picture) -> None:
         """Send what is drawn over a picture: marks, their distance, and the mask of what is selected."""

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import clbvh
 
-INTEGRATIONS = ("clbvh.integrations.dask", "clbvh.integrations.trimesh")
+INTEGRATIONS = ("clbvh.integrations.dask", "clbvh.integrations.pyvista", "clbvh.integrations.trimesh")
 
 
 def list_public_names() -> dict[str, object]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..appearance.appearance import Appearance, find_flat_normals, turn_corners
 from ..appearance.material import Material
-from ..mesh import Part, check_face_count
+from ..mesh import Mesh, Part, check_face_count
 from .file_mesh import FileMesh, finish_looks
 
 # Files whose nodes place more triangles than this times those of their meshes are scenes of instances.
@@ -33,6 +33,13 @@ class FileParts(NamedTuple):
     """The meshes that the nodes place, and the nodes, both in the order of the file."""
 
     meshes: list[FileMesh]
+    nodes: list[FileNode]
+
+
+class LoadedParts(NamedTuple):
+    """Meshes and the nodes that place them, in the order of the file. Names are not empty, but need not be unique."""
+
+    meshes: list[Mesh]
     nodes: list[FileNode]
 
 
@@ -77,7 +84,7 @@ def join_few(read: FileMesh | FileParts) -> FileMesh | FileParts:
     return split_parts(read) if isinstance(read, FileParts) and multiplies(read) else join_nodes(read)
 
 
-def multiplies(parts: FileParts) -> bool:
+def multiplies(parts: FileParts | LoadedParts) -> bool:
     """Return whether the nodes place more than twice the triangles that the meshes have."""
     placed = sum(len(parts.meshes[node.mesh].faces) for node in parts.nodes)
     return placed > _MOST_PLACED * sum(len(mesh.faces) for mesh in parts.meshes)

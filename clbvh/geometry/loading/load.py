@@ -12,7 +12,6 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,10 +20,12 @@ from ...support.files import read_errors_as, read_regular
 from ..mesh import Mesh
 from ..smooth_normals import flatten
 from .file_mesh import OFF_KEYWORD, FileMesh, Problems, is_binary_stl
-from .file_parts import FileNode, FileParts, join_few, join_nodes, split_parts
+from .file_parts import FileNode, FileParts, LoadedParts, join_few, join_nodes, split_parts
+from .trimesh import PACKAGES
 
 # The module of each format's reader; it is imported by the first file of its kind.
 _READERS = {"ply": "ply", "obj": "obj", "off": "off", "stl": "stl", "glb": "gltf", "gltf": "gltf"}
+_READERS |= dict.fromkeys(PACKAGES, "trimesh")
 # The first bytes of a file of each format.
 _BEGINNINGS = {
     "ply": re.compile(rb"ply\s"),
@@ -43,7 +44,8 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     ----------
     path : str or path
         A PLY, OBJ, STL, OFF, GLB or glTF file. The format is recognised by the content; by the name only where the
-        content leaves it open.
+        content leaves it open. A 3MF, DAE, ZAE, 3DXML, XAML or STEP file is read by trimesh, which needs other
+        packages for it; the message names them.
 
     Returns
     -------
@@ -90,13 +92,6 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     >>> folder.cleanup()
     """
     return _load(path, join_nodes).meshes[0]
-
-
-class LoadedParts(NamedTuple):
-    """Meshes and the nodes that place them, in the order of the file. Names are not empty, but need not be unique."""
-
-    meshes: list[Mesh]
-    nodes: list[FileNode]
 
 
 def load_parts(path: str | os.PathLike[str]) -> LoadedParts:
@@ -166,7 +161,10 @@ def _read(file: Path, source: str, arrange: _Arrange) -> FileParts:
     data = data if is_binary_stl(data) else data.removeprefix(codecs.BOM_UTF8)
     file_format = _find_format(data, file.suffix.lower().lstrip("."))
     if file_format not in _READERS:
-        raise MeshError(f"{source}: not a mesh file of a known kind: PLY, OBJ, STL, OFF, GLB and glTF are read")
+        raise MeshError(
+            f"{source}: not a mesh file of a known kind: PLY, OBJ, STL, OFF, GLB and glTF are read, and by trimesh "
+            f"3MF, DAE and STEP; of others give what trimesh.load, meshio.read or pyvista.read returns"
+        )
     problems = Problems()
     try:
         name = _READERS[file_format]

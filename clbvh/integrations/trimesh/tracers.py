@@ -32,9 +32,9 @@ from ...device.info import DeviceInfo
 from ...errors import ConfigError, DeviceError, QueryError, SceneError
 from ...geometry import Mesh
 from ...geometry.as_mesh import as_mesh
+from ...geometry.loading.trimesh import make_affine
 from ...geometry.smooth_normals import VertexFaces, find_vertex_faces
 from ...scene.handles import Geometry
-from ...scene.parts import make_affine
 from ...scene.scene import Scene
 from ...scene.transforms import check_transforms
 from ...trace.tracer import Tracer

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import QueryError
-from ...geometry.arrays import has_masked_values
+from ...geometry.arrays import has_masked_values, pick_xyz
 from ...support.compiled import compiled
 from ...support.memory import check_memory
 
@@ -95,7 +95,7 @@ def read_rays(
 
 def read_vectors(values: ArrayLike, name: str) -> NDArray[Any]:
     """Return (..., 3) float32 or float64."""
-    vectors = _read_numbers(values, name)
+    vectors = _read_numbers(pick_xyz(values), name)
     if vectors.dtype not in (np.float32, np.float64):
         with np.errstate(over="ignore"):  # of a wider dtype; what is not finite is refused later, by its index
             vectors = vectors.astype(np.float64)

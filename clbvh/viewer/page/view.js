@@ -448,5 +448,5 @@ export default { render };
 const page = document.querySelector("[data-clbvh-view]");
 if (page) {
   connect(page);
-  page.querySelector(".stage").focus();
+  page.querySelector(".stage").focus({ focusVisible: false });
 }

@@ -1,6 +1,10 @@
-"""What users may give for a mesh: a `Mesh`, arrays, a path, or an object of trimesh with its looks."""
+"""What users may give for a mesh: a `Mesh`, arrays, a path, or an object of another library with its looks."""
 
+from types import SimpleNamespace
+
+import meshio
 import numpy as np
+import pandas
 import pytest
 import trimesh
 from PIL import Image
@@ -42,9 +46,9 @@ def test_every_form_is_the_same_mesh_and_can_be_traced(tmp_path):
 def test_anything_else_is_refused_in_one_sentence():
     masked = np.ma.masked_array(CORNERS, mask=np.eye(3))
     for thing, message in (
-        (5, r"clbvh\.Mesh, a trimesh\.Trimesh, the path of .* pair \(vertices, faces\), not int 5"),
+        (5, r"clbvh\.Mesh, a mesh of trimesh, .* pair \(vertices, faces\), not int 5"),
         (CORNERS, r"a numpy\.ndarray"),
-        (trimesh.Scene(), r"a trimesh\.Scene"),
+        (trimesh.Scene(), "no node with a triangle mesh"),
         (clbvh.Mesh, r"expected a clbvh.Mesh.*not "),
         ((NoArray(), FACES), "no numbers here"),
         ((masked, FACES), "some are masked"),
@@ -54,6 +58,57 @@ def test_anything_else_is_refused_in_one_sentence():
             as_mesh(thing)
     with pytest.raises(MeshError, match=r"clbvh\.Bvh, a clbvh\.Mesh"):
         clbvh.Tracer(7)
+
+
+def test_cells_of_meshio_are_cut_in_their_order():
+    points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 2, 0.0]]
+    cells = [("quad", [[0, 1, 2, 3]]), ("line", [[0, 1]]), ("triangle", [[3, 2, 4]]), ("polygon", [[4, 3, 2, 1, 0]])]
+    mesh = as_mesh(meshio.Mesh(points, cells))
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [3, 2, 4], [4, 3, 2], [4, 2, 1], [4, 1, 0]]
+    assert mesh.vertices.tolist() == points
+    for kind, size, message in (
+        ("triangle6", 6, "Mesh: cells of the type triangle6 are not read: triangle, quad and polygon are"),
+        ("tetra", 4, "Mesh: there are no triangle, quad or polygon cells among these: tetra"),
+    ):
+        with pytest.raises(MeshError, match=message):
+            clbvh.build(meshio.Mesh(np.zeros((6, 3)), [(kind, [range(size)])]))
+    with pytest.raises(MeshError, match=r"Mesh: vertices must have shape \(V, 3\), not \(5, 2\)"):
+        clbvh.Scene(meshio.Mesh(np.array(points)[:, :2], cells))
+
+
+class TensorMap(dict):
+    """Tensors by name, as attributes, too; a name without a tensor is a `KeyError`."""
+
+    __getattr__ = dict.__getitem__
+
+
+def tensor(array):
+    return SimpleNamespace(cpu=lambda: SimpleNamespace(numpy=lambda: array))
+
+
+def test_meshes_of_open3d_have_their_colours():
+    shares = np.array([[1, 0.5, 0], [0, 0, 0], [0, 1, 0.2]])
+    legacy = SimpleNamespace(vertices=CORNERS.tolist(), triangles=FACES.tolist(), vertex_colors=shares.tolist())
+    vertex = TensorMap(positions=tensor(CORNERS.astype(np.float32)), colors=tensor(shares.astype(np.float32)))
+    tensors = SimpleNamespace(vertex=vertex, triangle=TensorMap(indices=tensor(FACES)))
+    for thing in (legacy, tensors):
+        mesh = as_mesh(thing)
+        assert mesh.fingerprint == MESH.fingerprint
+        assert mesh.appearance.colours[0].tolist() == [[255, 128, 0, 255], [0, 0, 0, 255], [0, 255, 51, 255]]
+    legacy.vertex_colors = []
+    del vertex["colors"]
+    assert as_mesh(legacy).appearance is as_mesh(tensors).appearance is None
+    empty = SimpleNamespace(vertex=TensorMap(), triangle=TensorMap())
+    with pytest.raises(MeshError, match=r"a types\.SimpleNamespace has no triangles that can be read \(KeyError: "):
+        as_mesh(empty)
+
+
+def test_vertices_of_a_table_are_its_columns_by_name():
+    table = pandas.DataFrame({"id": [7, 8, 9], **dict(zip("zyx", CORNERS.T[::-1], strict=True))})
+    faces = pandas.DataFrame(FACES, columns=["a", "b", "c"])
+    assert as_mesh((table, faces)).fingerprint == MESH.fingerprint
+    with pytest.raises(MeshError, match=r"mesh: vertices must have shape \(V, 3\), not \(3, 4\)"):
+        as_mesh((table.rename(columns=str.upper), faces))
 
 
 def make_box(visual=None, **colours):

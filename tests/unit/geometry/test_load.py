@@ -26,6 +26,33 @@ def test_the_content_decides_and_not_the_name(tmp_path):
         assert load_mesh(tmp_path / name).name == name
 
 
+def test_other_files_are_read_by_trimesh_or_name_its_packages(tmp_path, monkeypatch):
+    path = tmp_path / "cart.3mf"
+    path.write_bytes(b"PK cart")
+    cart = trimesh.Scene()
+    cart.add_geometry(trimesh.creation.box(), node_name="left", geom_name="box")
+    cart.graph.update("right", geometry="box", matrix=trimesh.transformations.translation_matrix([5, 0, 0]))
+
+    def load(file_obj, file_type, **options):
+        assert (file_obj.read(), file_type, options["process"]) == (b"PK cart", "3mf", False)
+        return trimesh.exchange.export.scene_to_dict(cart, use_base64=False)
+
+    monkeypatch.setitem(trimesh.exchange.load.mesh_loaders, "3mf", load)
+    mesh = load_mesh(path)
+    assert (mesh.name, mesh.face_count, mesh.vertices.max()) == ("cart.3mf", 24, 5.5)
+    assert {part.name for part in mesh.parts} == {"left", "right"}
+    cart = None
+    with pytest.raises(MeshError, match=r"cart\.3mf: the 3MF file is damaged or incomplete \(AttributeError: "):
+        load_mesh(path)
+    wrapper = trimesh.exceptions.ExceptionWrapper(ModuleNotFoundError("No module named 'lxml'"))
+    monkeypatch.setitem(trimesh.exchange.load.mesh_loaders, "3mf", wrapper)
+    with pytest.raises(MeshError, match=r"a \.3mf file is .* needs lxml and networkx: pip install lxml networkx"):
+        load_mesh(path)
+    path.rename(tmp_path / "cart.vtu")
+    with pytest.raises(MeshError, match=r"known kind: PLY, .* of others give what trimesh\.load, meshio\.read or"):
+        load_mesh(tmp_path / "cart.vtu")
+
+
 def test_bad_files_are_refused_in_one_sentence(tmp_path):
     rows = [
         ("a.ply", b"", "the file is empty"),

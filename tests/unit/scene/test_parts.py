@@ -138,6 +138,23 @@ def test_a_scene_of_trimesh_is_added_as_one_mesh_with_parts(cart):
     assert (box.shape.face_count, box.shape.parts) == (12, ())
 
 
+def test_a_scene_of_trimesh_is_traced_built_and_drawn(cart):
+    origins = [[1, 0, 5], [1, 0.1, 5], [9, 9, 5]]
+    with clbvh.Tracer(cart) as tracer, clbvh.Tracer(clbvh.Scene(cart)) as expected:
+        hits, wanted = (each.closest_hit(origins, [0, 0, -1]) for each in (tracer, expected))
+        assert hits.t.tolist() == wanted.t.tolist() == [4.5, 4.5, np.inf]
+        assert hits.part_id.tolist() == wanted.part_id.tolist()
+    assert clbvh.build(cart).mesh.parts == clbvh.Scene(cart).geometries[0].shape.parts
+    for number in range(4):
+        cart.graph.update(f"ball {number}", geometry="ball", matrix=shifted(0, number, 0))
+    with clbvh.Tracer(cart) as tracer, clbvh.Renderer(cart) as renderer:
+        assert tracer.closest_hit([0, 3.5, 5], [0, 0, -1]).instance_id > 2
+        assert names(renderer.scene.instances)[-1] == "ball 3"
+    cart.graph.update("bent", geometry="ball", matrix=np.vstack([np.eye(4)[:3], [0, 0, 0.5, 1]]))
+    with pytest.raises(MeshError, match=r"the transform of 'bent' must be .* last row 0, 0, 0, 1"):
+        clbvh.build(cart)
+
+
 def test_the_last_row_of_a_node_may_be_rounded():
     source = trimesh.Scene()
     matrix = np.diag([2, 2, 2, 1 + 1e-9])

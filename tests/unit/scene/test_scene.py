@@ -58,7 +58,7 @@ def same(first, second):
 
 def test_what_is_no_shape_is_not_added(scene):
     for source in (None, 5, [], trimesh.PointCloud([[0, 0, 0]]), clbvh.Mesh):
-        with pytest.raises(MeshError, match=r"expected clbvh\.Spheres, a trimesh\.Scene, a clbvh\.Mesh"):
+        with pytest.raises(MeshError, match=r"expected clbvh\.Spheres, a clbvh\.Mesh"):
             scene.add(source)
     with pytest.raises(SceneError, match="is in a scene already: place it again, or add its shape"):
         scene.add(scene.geometries[0])

@@ -4,6 +4,7 @@ import re
 import tracemalloc
 
 import numpy as np
+import pandas
 import pytest
 
 from clbvh import ConfigError, QueryError, Renderer, SceneError
@@ -78,6 +79,18 @@ def test_any_order_in_memory_and_kind_of_number(tracer, rays):
     assert len(tracer.closest_hit([], [])) == 0
     grid = np.moveaxis(np.random.default_rng(6).normal(size=(3, 5, 6, 7)), 0, -1)
     assert_same(tracer.contains(grid), tracer.contains(np.ascontiguousarray(grid)))
+
+
+def test_columns_of_tables_are_found_by_name(tracer, rays):
+    (origins, directions), limits = (array[:200] for array in rays), np.arange(200) / 50
+    table = pandas.DataFrame({"reach": limits, **dict(zip("zyx", origins.T[::-1], strict=True))}).astype("Float64")
+    unnamed = pandas.DataFrame(directions, index=range(7, 207), columns=["dx", "dy", "dz"])
+    expected = tracer.closest_hit(origins, directions, t_max=limits)
+    assert_same(tracer.closest_hit(table, unnamed, t_max=table["reach"]), expected)
+    assert_same(tracer.contains(table), tracer.contains(origins))
+    table.loc[3, "y"] = pandas.NA
+    with pytest.raises(QueryError, match=r"^points must be numbers: "):
+        tracer.contains(table)
 
 
 @pytest.mark.parametrize("case", ["broadcast", "outer", "limits"])
