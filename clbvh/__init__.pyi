@@ -63,6 +63,7 @@ from .scene.state import SceneState as SceneState
 from .scene.transforms import Transform as Transform
 from .stats import TreeStats as TreeStats, measure_tree as measure_tree
 from .support.folders import __version__ as __version__
+from .trace.hits.device_hits import DeviceHits as DeviceHits
 from .trace.hits.hits import AllHits as AllHits, Hits as Hits
 from .trace.hits.normals import Normals as Normals
 from .trace.points.refine import ClosestPoints as ClosestPoints

@@ -195,6 +195,24 @@ class DeviceSession(ContextManager):
         self._buffers.add(ref(buffer, self._buffers.discard))
         return buffer
 
+    def make_array(self, shape: tuple[int, ...], dtype: Any, values: NDArray[Any] | None = None) -> Any:
+        """Return a `pyopencl.array.Array` with these values, if any, which lives as long as somebody refers to it.
+
+        It is on this session's queue.
+
+        Raises
+        ------
+        DeviceError
+            As of `allocate`.
+        """
+        import pyopencl.array  # takes 0.1 s, and most processes have no use for it
+
+        with self._errors("hold an array"):
+            array = pyopencl.array.empty(self.queue, shape, dtype)
+        if values is not None and values.size:
+            self.write(array.base_data, values)
+        return array
+
     def fit_items(self, item_bytes: int, wanted: int) -> int:
         """Return how many items of this size one buffer can hold, `wanted` at most and 1 at least."""
         return max(1, min(wanted, self.info.max_allocation_bytes // item_bytes))

@@ -6,18 +6,69 @@ Owns the steps that meshes and spheres share. Must not know of either.
 from __future__ import annotations
 
 import sys
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MeshError
 
+# Devices of DLPack whose memory the host reads: its own, and what CUDA and ROCm have pinned there.
+_HOST_MEMORY = (1, 3, 11)
+
+
+def is_device_array(thing: object) -> TypeGuard[Any]:
+    """Return whether this is a `pyopencl.array.Array`; without that module nothing is."""
+    module = sys.modules.get("pyopencl.array")
+    return module is not None and isinstance(thing, module.Array)
+
+
+def on_host(values: Any) -> Any:
+    """Return what numpy can read: of device arrays and those with `__dlpack__` a numpy array, of a table its x, y, z.
+
+    A table is a `pandas.DataFrame` or the like that has columns of these names. Anything else is returned as it is.
+
+    Raises
+    ------
+    TypeError
+        DLPack has it in the memory of a device, or numpy does not take it.
+    """
+    if is_device_array(values):
+        return _map(values)
+    if hasattr(values, "columns") and {"x", "y", "z"} <= set(values.columns):
+        return values[["x", "y", "z"]]
+    if isinstance(values, np.ndarray | np.generic) or not hasattr(values, "__dlpack__"):
+        return values
+    kind = int(values.__dlpack_device__()[0])
+    if kind not in _HOST_MEMORY:
+        raise TypeError(
+            f"a {type(values).__name__} in the memory of a device (DLPack's type {kind}) is not read: copy it to the "
+            "host, or into a pyopencl.array.Array"
+        )
+    try:
+        return np.from_dlpack(values)
+    except (BufferError, RuntimeError) as error:
+        raise TypeError(str(error)) from error
+
+
+def _map(array: Any) -> NDArray[Any]:
+    """Return an array on a device as the host sees it: a CPU's memory is not copied."""
+    cl = sys.modules["pyopencl"]
+    if array.size == 0 or not isinstance(array.base_data, cl.MemoryObjectHolder):
+        return array.get()
+    array.finish()
+    ways = [(length - 1) * stride for length, stride in zip(array.shape, array.strides, strict=True)]
+    begin, end = (array.offset + sum(bound(way, 0) for way in ways) for bound in (min, max))
+    size, queue = end - begin + array.dtype.itemsize, array.queue or cl.CommandQueue(array.context)
+    # The host gives it back when nothing refers to it.
+    mapped, _ = cl.enqueue_map_buffer(queue, array.base_data, cl.map_flags.READ, begin, size, np.uint8)
+    return np.ndarray(array.shape, array.dtype, mapped, array.offset - begin, array.strides)
+
 
 def as_array(values: ArrayLike, name: str, shape: str = "(n, 3)") -> NDArray[Any]:
-    """Return values as an array; raise `MeshError` where they are none, or where some are masked."""
+    """Return values as an array; raise `MeshError` where they are none, or where some are masked; see `on_host`."""
     try:
-        array = np.asarray(pick_xyz(values))
+        array = np.asarray(on_host(values))
     except ValueError as error:
         raise MeshError(f"{name} must be an array of shape {shape}, but the rows differ in length: {error}") from error
     except TypeError as error:
@@ -25,11 +76,6 @@ def as_array(values: ArrayLike, name: str, shape: str = "(n, 3)") -> NDArray[Any
     if has_masked_values(values):
         raise MeshError(f"{name} must be numbers, but some are masked: fill them, or leave their rows out")
     return array
-
-
-def pick_xyz(values: Any) -> Any:
-    """Return the columns x, y and z of a table, such as a `pandas.DataFrame`, that has them; else the values."""
-    return values[["x", "y", "z"]] if hasattr(values, "columns") and {"x", "y", "z"} <= set(values.columns) else values
 
 
 def check_numbers(array: NDArray[Any], name: str) -> None:

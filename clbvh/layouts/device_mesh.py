@@ -5,8 +5,7 @@ The bytes of the local coordinates are those of `Mesh.from_arrays`. Must not kno
 
 from __future__ import annotations
 
-import sys
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from ..device.program import build_kernels
 from ..device.select import choose_device
 from ..device.session import DeviceSession
 from ..geometry import Mesh, MeshLike, as_mesh
+from ..geometry.arrays import is_device_array
 from ..geometry.local_frame import find_frame
 from ..geometry.mesh import MAX_FACE_COUNT
 
@@ -119,6 +119,11 @@ class DeviceMesh(Mesh):
         """Number of primitives: its triangles."""
         return _count_rows(self, "faces")
 
+    @property
+    def has_doubles(self) -> bool:
+        """Whether its vertices on the device are float64, else float32."""
+        return bool(self._stored["vertices"][1] == np.float64)
+
     def buffer_on(self, session: DeviceSession, name: str) -> Any:
         """Return the buffer of a field, or None where a session does not see it."""
         stored = vars(self).get("_stored", {})
@@ -135,7 +140,7 @@ def take_mesh(source: MeshLike, device: DeviceInfo | str | int | None, *, or_els
         session = DeviceSession.in_context(vertices.context)
         if _is_meant(session.info, device):
             mesh = DeviceMesh.take(session, vertices, faces)
-    return Mesh.from_arrays(_on_host(vertices), _on_host(faces)) if mesh is None else mesh
+    return Mesh.from_arrays(vertices, faces) if mesh is None else mesh
 
 
 def move_mesh(mesh: Mesh, vertices: Any, session: DeviceSession) -> Mesh:
@@ -146,7 +151,7 @@ def move_mesh(mesh: Mesh, vertices: Any, session: DeviceSession) -> Mesh:
         # Of its own: a mesh outlives the tracer that a session belongs to.
         own = mesh.session if isinstance(mesh, DeviceMesh) and mesh.session.context == session.context else None
         moved = DeviceMesh.take(own or session.branch(), vertices, None, mesh)
-    return mesh.with_vertices(_on_host(vertices)) if moved is None else moved
+    return mesh.with_vertices(vertices) if moved is None else moved
 
 
 def open_session(shape: Any, device: DeviceInfo | str | int | None) -> DeviceSession:
@@ -155,19 +160,9 @@ def open_session(shape: Any, device: DeviceInfo | str | int | None) -> DeviceSes
     return DeviceSession(device) if session is None or not _is_meant(session.info, device) else session.branch()
 
 
-def is_device_array(thing: object) -> TypeGuard[Any]:
-    """Return whether this is a `pyopencl.array.Array`; without that module nothing is."""
-    module = sys.modules.get("pyopencl.array")
-    return module is not None and isinstance(thing, module.Array)
-
-
 def _is_meant(info: DeviceInfo, device: DeviceInfo | str | int | None) -> bool:
     """Return whether a device is the one that a user asks for, if any."""
     return device is None or info == (device if isinstance(device, DeviceInfo) else choose_device(device))
-
-
-def _on_host(array: Any) -> Any:
-    return array.get() if is_device_array(array) else array
 
 
 def _count_rows(mesh: Mesh, name: str) -> int:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from copy import copy
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -76,6 +77,11 @@ def device_casts_all() -> Iterator[None]:
         _device_casts_all.reset(before)
 
 
+def is_device_forced() -> bool:
+    """Return whether this is in a block of `device_casts_all`."""
+    return _device_casts_all.get()
+
+
 class Batch(NamedTuple):
     """Rays or points on the device.
 
@@ -89,12 +95,15 @@ class Batch(NamedTuple):
         Columns and rows of a work-group.
     arguments : mapping of str to argument
         What a kernel is told about the batch, by the names of its arguments.
+    arrays : mapping of str to argument
+        The same of rays in arrays on the device, see cl/rays/arrays.cl; empty of any other batch.
     """
 
     item_count: int
     work_size: tuple[int, int]
     work_group: tuple[int, int]
     arguments: Mapping[str, Any]
+    arrays: Mapping[str, Any] = MappingProxyType({})
 
 
 class Caster(ContextManager):
@@ -227,7 +236,7 @@ class Call(MemoryLoan):
 
     def on_host(self, ray_count: int) -> WideArrays | None:
         """Return the tree if the rays are so few that the calling thread casts them itself, or else None."""
-        if not 0 < ray_count <= MOST_HOST_RAYS or _device_casts_all.get():
+        if not 0 < ray_count <= MOST_HOST_RAYS or is_device_forced():
             return None
         return self.world.on_host()
 
@@ -257,6 +266,12 @@ class Call(MemoryLoan):
                 fill(begin, end, items[begin:end])
 
             self.threads.for_ranges(count, fill_part, least_items=_LEAST_FILLED)
+        return buffer
+
+    def put(self, name: str, array: NDArray[Any]) -> Any:
+        """Return the call's buffer of a name with the items of an array, which are few."""
+        buffer = self.take(name, array.nbytes)
+        self.session.write(buffer, array)
         return buffer
 
     def order_by_keys(
@@ -302,6 +317,13 @@ class Call(MemoryLoan):
         **arguments
             The kernel's own arguments, by name.
         """
+        dtype, count = query.dtype or self.world.hit_dtype, batch.item_count * results_per_item
+        results = self.launch(query, batch, results_per_item=results_per_item, **arguments)
+        with self.session.mapped(results, count, dtype, write=False) as found:
+            yield found
+
+    def launch(self, query: Query, batch: Batch, *, results_per_item: int = 1, **arguments: Any) -> Any:
+        """Cast a batch as `cast` does, and return the buffer of its results, which the device may still write."""
         self.check_stopped()
         dtype, count = query.dtype or self.world.hit_dtype, batch.item_count * results_per_item
         results = self.take("results", count * dtype.itemsize, for_mapping=True)
@@ -309,8 +331,7 @@ class Call(MemoryLoan):
             self.caster.kernel(query.kernel), batch.work_size, batch.work_group,
             **self.world.arguments, **batch.arguments, **{query.results: results}, **arguments,
         )  # fmt: skip
-        with self.session.mapped(results, count, dtype, write=False) as found:
-            yield found
+        return results
 
     def run_on_host(self, task: Callable[..., _Result], *arguments: Any) -> _Result:
         """Return ``task(*arguments)``, whose time counts as a kernel's: the host does its work."""

@@ -1,7 +1,8 @@
 """A query's rays on their way to the device: a batch is cut into pieces, and each is packed into buffers of the call.
 
 A world with instances gets what float32 rounds off each ray as well, once for all rays where that is enough. The rays
-of a coherent piece get entry points, see cl/world/starts.cl.
+of a coherent piece get entry points, see cl/world/starts.cl. Rays in arrays on the device are packed there, in their
+own order.
 """
 
 from __future__ import annotations
@@ -12,14 +13,18 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ..device.context import check_process
+from ..device.program import build_kernel
+from ..geometry.arrays import is_device_array
 from ..structs import FAR_RADII, PACKED_RAY, RAY_LOW
+from ..support.say_once import say_once
 from .host.walk import mean_steps
-from .launch import Batch, Call
-from .rays.batch import RayBatch, RayRows
-from .rays.pack import NEAR_SHARE, find_shared_low, pack_rays
-from .rays.pieces import CHUNK_RAYS, MOST_SAMPLED_BYTES, Progress, RayPiece, cut_rays
+from .launch import Batch, Call, Caster, is_device_forced
+from .rays.batch import Broadcast, DeviceRays, RayBatch, RayRows, read_vectors
+from .rays.pack import ALL_VISIBLE, NEAR_SHARE, explain_bad_ray, find_shared_low, pack_rays
+from .rays.pieces import CHUNK_RAYS, MOST_SAMPLED_BYTES, Progress, RayPiece, cut_points, cut_rays
 from .world.starts import AT_THE_ROOT, TILE_KERNEL, find_entry_points
 from .world.tree_box import TreeBox
 from .world.world import World
@@ -28,12 +33,52 @@ from .world.world import World
 _ROUNDING_ROOM = 1 - 2.0**-10
 
 
+def put_vectors(
+    device: Caster, origins: ArrayLike, directions: ArrayLike, *, are_refined: bool
+) -> tuple[Any, ...] | None:
+    """Return origins and directions in arrays on a device, once they are written; what is there is not copied.
+
+    None where the host is to pack the rays. It does so for a CPU, whose memory it shares, since it also sorts them and
+    finds pictures: kernels take 1.4 times as long for a picture of a million rays at the dragon, and 2.8 times for the
+    same rays in mixed order (PoCL 3.0, two cores). Other reasons are said once.
+    """
+    check_process()
+    session, vectors = device.session, (origins, directions)
+    given = [each for each in vectors if is_device_array(each)]
+    session.finish()
+    for each in given:
+        each.finish()
+        if each.queue is not None:
+            each.queue.finish()
+    reason = ""
+    if not session.info.has_fp64:
+        reason = f"the device '{session.info.name}' has no double precision"
+    elif not all(each.context == session.context for each in given):
+        reason = "their context is not that of the tracer's first device, `tracer.context`"
+    elif are_refined and device.world.has_spheres:
+        reason = "hits on spheres are computed there"
+    elif session.info.kind == "cpu" and not is_device_forced():
+        return None
+    if reason:
+        say_once(f"rays or hits in arrays on a device go by way of the host: {reason}")
+        return None
+    read = (
+        each if is_device_array(each) and each.dtype in (np.float32, np.float64) else read_vectors(each, name)
+        for each, name in zip(vectors, ("origins", "directions"), strict=True)
+    )
+    return tuple(each if is_device_array(each) else session.make_array(each.shape, each.dtype, each) for each in read)
+
+
 def cut_batch(
-    call: Call, batch: RayBatch, shape: tuple[int, ...] = (), *, part: range | None = None, most_rays: int = 0,
-    progress: Progress | None = None,
+    call: Call, batch: RayBatch | DeviceRays, shape: tuple[int, ...] = (), *, part: range | None = None,
+    most_rays: int = 0, progress: Progress | None = None,
 ) -> Iterator[RayPiece]:  # fmt: skip
     """Yield the pieces in which a call casts a batch of rays; see `pieces.cut_rays`."""
     world = call.world
+    if isinstance(batch, DeviceRays):
+        most = call.fit(PACKED_RAY, CHUNK_RAYS)
+        chunks = cut_points(part or range(batch.ray_count), most_points=most, progress=progress)
+        return (RayPiece(begin, end) for begin, end in chunks)
     is_small = world.memory_bytes <= MOST_SAMPLED_BYTES
     return cut_rays(
         batch, world.box, call.order_by_keys, shape=shape, tile_rows=call.session.settings.tile[1],
@@ -48,24 +93,34 @@ def _count_steps(world: World, batch: RayBatch) -> float:
     return math.inf if tree is None else mean_steps(tree, world.box, batch)
 
 
-def put_rays(call: Call, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool = True) -> Batch:
+def put_rays(call: Call, batch: RayBatch | DeviceRays, piece: RayPiece, *, in_ray_order: bool = True) -> Batch:
     """Put the rays of a piece on the device.
 
     Parameters
     ----------
     call : Call
-    batch : RayBatch
+    batch : RayBatch or DeviceRays
     piece : RayPiece
         Of the batch.
     in_ray_order : bool
         Whether the results are to be in the order of the chunk's rays, whatever the order of the piece; then the piece
         is the whole chunk.
+
+    Raises
+    ------
+    QueryError
+        As `pack_rays`.
     """
     count, settings = piece.ray_count, call.session.settings
     row_length = piece.row_length or count
     work_size = row_length, -(-count // row_length)
     work_group = settings.tile if piece.row_length else (settings.work_group_size, 1)
-    rays = _pack_lone(call, batch, piece) if call.world.is_lone else _pack_with_lows(call, batch, piece)
+    arrays: dict[str, Any] = {}
+    if isinstance(batch, DeviceRays):
+        arrays = _put_arrays(call, batch, piece)
+        rays = _pack_on_device(call, batch, piece, arrays)
+    else:
+        rays = _pack_lone(call, batch, piece) if call.world.is_lone else _pack_with_lows(call, batch, piece)
     described = rays | {"ray_count": np.int32(count), "row_length": np.int32(row_length)}
     starts = AT_THE_ROOT
     if piece.is_coherent and call.world.has_entry_points:
@@ -74,7 +129,44 @@ def put_rays(call: Call, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool
     order = None
     if piece.order is not None and in_ray_order:
         order = call.fill("order", piece.order.dtype, count, partial(_copy, piece.order))
-    return Batch(count, work_size, work_group, described | starts | {"order": order})
+    return Batch(count, work_size, work_group, described | starts | {"order": order}, arrays)
+
+
+def _put_arrays(call: Call, rays: DeviceRays, piece: RayPiece) -> dict[str, Any]:
+    """Return what kernels are told of rays in arrays, see cl/rays/arrays.cl."""
+    axes, limits = rays.axes(piece.begin), (rays.t_min, rays.t_max)
+    t_mins, t_maxs = (each.part(piece.begin, piece.end, np.dtype(np.float64)) for each in limits)
+    return {
+        "origins": rays.origins.base_data,
+        "directions": rays.directions.base_data,
+        "doubles": np.int32((rays.origins.dtype.itemsize == 8) + 2 * (rays.directions.dtype.itemsize == 8)),
+        "axes": call.put("axes", axes),
+        "axis_count": np.int32(len(axes) - 2),
+        "t_mins": call.put("t_mins", t_mins),
+        "t_maxs": call.put("t_maxs", t_maxs),
+        "each_limit": np.int32((len(t_mins) > 1) + 2 * (len(t_maxs) > 1)),
+        "ray_count": np.int32(piece.ray_count),
+    }
+
+
+def _pack_on_device(call: Call, rays: DeviceRays, piece: RayPiece, arrays: dict[str, Any]) -> dict[str, Any]:
+    """Return the buffers of rays in arrays, by the names of the kernels' arguments, once the device has packed them."""
+    world, session, count = call.world, call.session, piece.ray_count
+    packed = call.take("rays", count * PACKED_RAY.itemsize, for_mapping=True)
+    lows = None if world.is_lone else call.take("lows", count * RAY_LOW.itemsize, for_mapping=True)
+    every = Broadcast.of_one(np.array([ALL_VISIBLE]), rays.shape)
+    masks = (rays.mask or every).part(piece.begin, piece.end, np.dtype(np.uint32))
+    bad = np.array([count], np.int32)
+    bad_buffer = call.put("bad", bad)
+    session.run(
+        build_kernel(session, "pack_rays"), (count,), (session.settings.work_group_size,), **arrays,
+        box=call.put("box", np.array([*world.box.centre, *world.box.half, world.box.scale])),
+        masks=call.put("masks", masks), mask_step=np.int32(len(masks) > 1), rays=packed, lows=lows, bad=bad_buffer,
+    )  # fmt: skip
+    session.download(bad_buffer, bad)
+    if bad[0] < count:
+        raise explain_bad_ray(rays.to_host(), piece.begin + int(bad[0]))
+    return {"rays": packed, "lows": lows, "low_step": np.int32(not world.is_lone)}
 
 
 def _pack_lone(call: Call, batch: RayBatch, piece: RayPiece) -> dict[str, Any]:

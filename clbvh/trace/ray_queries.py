@@ -5,23 +5,40 @@ How rays are cast is in `hits/`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from numbers import Integral
+from typing import Any, Literal, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ConfigError
+from ..geometry.arrays import is_device_array, on_host
 from .hits.all_hits import find_all_hits
 from .hits.closest import NO_LIMIT, count_hits, find_any_hits, find_closest_hits, find_closest_prims
+from .hits.device_hits import DeviceHits, download_hits, find_hits_on_device, put_hits
 from .hits.hits import AllHits, Hits
 from .launch import Caster
 from .moves import Moves
-from .rays.batch import RayBatch, read_rays
+from .put_rays import put_vectors
+from .rays.batch import RayBatch, read_device_rays, read_rays, read_vectors
 from .rays.pieces import Progress
 
 
 class RayQueries(Moves):
     """The queries of a `Tracer` whose arguments are rays."""
+
+    @overload
+    def closest_hit(
+        self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = ..., t_max: ArrayLike = ...,
+        mask: ArrayLike | None = ..., progress: Progress | None = ..., out: Literal["host"] = ...,
+    ) -> Hits: ...  # fmt: skip
+
+    @overload
+    def closest_hit(
+        self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = ..., t_max: ArrayLike = ...,
+        mask: ArrayLike | None = ..., progress: Progress | None = ..., out: Literal["device"],
+    ) -> DeviceHits: ...  # fmt: skip
 
     def closest_hit(
         self,
@@ -32,7 +49,8 @@ class RayQueries(Moves):
         t_max: ArrayLike = np.inf,
         mask: ArrayLike | None = None,
         progress: Progress | None = None,
-    ) -> Hits:
+        out: str = "host",
+    ) -> Hits | DeviceHits:
         """Return the nearest hit of each ray, from either side of the triangles.
 
         Parameters
@@ -41,7 +59,8 @@ class RayQueries(Moves):
             Of any leading shape. Rays of shape (height, width, 3) are those of a picture, which are cast tile by tile.
         directions : (..., 3) float, any length above 0
             Broadcast against the origins, without copies: one origin (3,) for many directions (n, 3), or (n, 1, 3) with
-            (m, 3) for all pairs.
+            (m, 3) for all pairs. Origins and directions, of this query and of others, may be a
+            `pyopencl.array.Array`: of float32 or float64 and in `Tracer.context`, it is read on the device.
         t_min, t_max : float or (...,) float, lengths of the direction
             Broadcast to the rays. Only hits with t_min <= t <= t_max count, as far as float32 can tell; t_min is
             at least 0.
@@ -50,10 +69,12 @@ class RayQueries(Moves):
             it, all of them.
         progress : function, optional
             Called with the number of rays that are done, and of all rays, after each piece of the work.
+        out : str
+            ``"device"``: the hits stay on the device.
 
         Returns
         -------
-        Hits
+        Hits, or DeviceHits
             In the leading shape that the rays are broadcast to, () for a single ray; in float64. At equal distance the
             smaller face number wins.
 
@@ -62,6 +83,8 @@ class RayQueries(Moves):
         QueryError
             Shapes that are wrong or do not broadcast, a value that is not finite, a direction of length zero, a
             negative t_min: the message names the first bad ray. Or the tracer is closed.
+        ConfigError
+            Another word for `out`.
 
         Examples
         --------
@@ -77,8 +100,16 @@ class RayQueries(Moves):
         >>> tracer.closest_hit(origins, directions, t_min=5).t
         array([5.5, inf])
         """
-        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        return find_closest_hits(caster, batch, shape, progress)
+        if out not in ("host", "device"):
+            raise ConfigError(f"out must be 'host' or 'device', not {out!r}")
+        caster, batch, shape = self._read_rays(
+            origins, directions, t_min, t_max, mask, are_refined=True, to_device=out == "device"
+        )
+        if isinstance(batch, RayBatch):
+            hits = find_closest_hits(caster, batch, shape, progress)
+            return hits if out == "host" else put_hits(caster.working[0].session, hits)
+        found = find_hits_on_device(caster, batch, shape, progress)
+        return found if out == "device" else download_hits(caster, found)
 
     def closest_prim(
         self,
@@ -195,21 +226,29 @@ class RayQueries(Moves):
         array([1., 1.])
         """
         limit = check_max_hits(max_hits)
+        # Sorted and refined on the host.
+        origins, directions = read_vectors(origins, "origins"), read_vectors(directions, "directions")
         caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return find_all_hits(caster, batch, shape, limit, progress, with_locations=with_locations)
 
     def _read_rays(
-        self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None
-    ) -> tuple[Caster, RayBatch, tuple[int, ...]]:
-        """Return rays as a batch, with the caster that casts them.
+        self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None, *,
+        are_refined: bool = False, to_device: bool = False,
+    ) -> tuple[Caster, Any, tuple[int, ...]]:  # fmt: skip
+        """Return rays as a `RayBatch` or as `DeviceRays`, with the caster that casts them.
 
         What has no instances on the device is seen by every mask but 0.
         """
         # Read once, because an update may replace it by one that masks differently.
-        caster = self._caster
-        batch, shape = read_rays(origins, directions, t_min, t_max, mask)
+        caster, read = self._caster, cast(Callable[..., Any], read_rays)
+        if to_device or is_device_array(origins) or is_device_array(directions):
+            first = caster.working[0].beside(())
+            if (vectors := put_vectors(first, origins, directions, are_refined=are_refined)) is not None:
+                caster, read, (origins, directions) = first, read_device_rays, vectors
+        batch, shape = read(origins, directions, t_min, t_max, mask)
         if batch.mask is not None and caster.world.is_lone:
-            batch, shape = read_rays(origins, directions, t_min, np.where(np.asarray(mask) == 0, -np.inf, t_max))
+            t_max = np.where(np.asarray(on_host(mask)) == 0, -np.inf, on_host(t_max))
+            batch, shape = read(origins, directions, t_min, t_max)
         return caster, batch, shape
 
 

@@ -167,8 +167,19 @@ class Tracer(RayQueries, PointQueries):
 
     @property
     def context(self) -> Any:
-        """The `pyopencl.Context` of the tracer: arrays in it need not leave the device, see `update`."""
-        return self._caster.session.context
+        """The `pyopencl.Context` of the tracer: arrays in it need not leave the device, see `update`.
+
+        Of several devices, that of the first one.
+        """
+        return self._caster.working[0].session.context
+
+    @property
+    def queue(self) -> Any:
+        """A `pyopencl.CommandQueue` in `context`, which runs its commands one after the other.
+
+        A query of arrays on the device waits for it, and the hits that it leaves there are complete.
+        """
+        return self._caster.working[0].session.queue
 
     @property
     def layout(self) -> str:
@@ -178,7 +189,7 @@ class Tracer(RayQueries, PointQueries):
     @property
     def memory_bytes(self) -> int:
         """Memory of all devices for trees, primitives and instances; the first `update` of a mesh doubles it."""
-        worlds = sum(each.world.memory_bytes for each in self._caster.all)
+        worlds = sum(each.world.memory_bytes + each.world.refine_buffers.memory_bytes for each in self._caster.all)
         return worlds + sum(changes.memory_bytes for changes in self._changes_on.values())
 
     @property

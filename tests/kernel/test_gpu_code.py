@@ -71,6 +71,21 @@ def test_builds_spill_no_register_and_keep_clusters_out_of_private_memory(progra
 
 
 @compiles
+@pytest.mark.parametrize("kernel", ["pack_rays", "refine_hits"])
+def test_kernels_of_rays_in_arrays_spill_nothing_and_round_each_step(kernel):
+    (program,) = (each for each in report.list_programs([]) if each.kernel == kernel)
+    for gpu in GPUS:
+        figures = report.compile_for_amd(program, gpu)[kernel]
+        assert figures.spilled == figures.stack_bytes == 0, gpu.name
+        assert kernel != "pack_rays" or figures.waves == figures.max_waves, gpu.name
+    # The bits of the host: no product and sum in one, no approximation.
+    operations = re.findall(r"\b(?:add|sub|mul|fma|div)\.[a-z.]*f64\b", report.compile_to_ptx(program))
+    assert {"add.rn.f64", "mul.rn.f64", "div.rn.f64"} <= set(operations) <= {
+        "add.rn.f64", "sub.rn.f64", "mul.rn.f64", "div.rn.f64",
+    }  # fmt: skip
+
+
+@compiles
 @pytest.mark.parametrize("program", PROGRAMS, ids=name_program)
 def test_arithmetic_is_that_of_every_device_and_nodes_are_loaded_in_long_words(program):
     ptx = report.compile_to_ptx(program)

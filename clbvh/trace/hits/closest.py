@@ -14,7 +14,7 @@ from ..host.walk import FIELD_COUNT, cast_on_host, walk
 from ..launch import Call, Caster, Query, device_casts_all
 from ..put_rays import cut_batch, put_rays
 from ..ranges import cast_rays
-from ..rays.batch import RayBatch, check_room, read_rays
+from ..rays.batch import RayBatch, Rays, check_room, read_rays
 from ..rays.pack import ALL_GOOD, NO_LOWS, explain_bad_ray, write_packed
 from ..rays.pieces import Progress
 from ..world.surface_arrays import SurfaceArrays
@@ -35,13 +35,13 @@ _COUNT_STEPS = Query("count_steps", "steps", STEPS)
 NO_LIMIT = np.iinfo(np.int32).max
 
 # t, u, v, prim_id, is_front and, with instances, instance_id of a ray.
-_HIT_BYTES = 33
+HIT_BYTES = 33
 
 
 def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> Hits:
     """Return the closest hit of each ray in float64; see `Tracer.closest_hit`."""
     count, world = batch.ray_count, caster.world
-    check_room(count, _HIT_BYTES)
+    check_room(count, HIT_BYTES)
     refined = RefinedHits.make(count, is_lone=world.is_lone)
 
     def cast(call: Call, part: range, progress: Progress | None) -> None:
@@ -73,18 +73,18 @@ def _refine_range(
     refine_closest(batch.part(*rays), arrays, found[first:last], hits.part(*rays))
 
 
-def find_closest_prims(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> NDArray[np.int32]:
+def find_closest_prims(caster: Caster, batch: Rays, shape: Shape, progress: Progress | None) -> NDArray[np.int32]:
     """Return the face of the closest hit of each ray; see `Tracer.closest_prim`."""
     return _answer(caster, CLOSEST_HIT, np.int32, batch, shape, progress)
 
 
-def find_any_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> NDArray[np.bool_]:
+def find_any_hits(caster: Caster, batch: Rays, shape: Shape, progress: Progress | None) -> NDArray[np.bool_]:
     """Return whether each ray hits anything; see `Tracer.any_hit`."""
     return _answer(caster, ANY_HIT, np.bool_, batch, shape, progress)
 
 
 def count_hits(
-    caster: Caster, batch: RayBatch, shape: Shape, max_hits: int | None, progress: Progress | None
+    caster: Caster, batch: Rays, shape: Shape, max_hits: int | None, progress: Progress | None
 ) -> NDArray[np.int32]:
     """Return the number of hits of each ray, `max_hits` at most; see `Tracer.count_hits`."""
     return _answer(caster, COUNT_HITS, np.int32, batch, shape, progress, max_hits=np.int32(max_hits or NO_LIMIT))
@@ -102,7 +102,7 @@ def count_steps(caster: Caster, origins: ArrayLike, directions: ArrayLike) -> ND
 
 
 def _answer(
-    caster: Caster, query: Query, dtype: Any, batch: RayBatch, shape: Shape, progress: Progress | None, **arguments: Any
+    caster: Caster, query: Query, dtype: Any, batch: Rays, shape: Shape, progress: Progress | None, **arguments: Any
 ) -> NDArray[Any]:
     """Return what a kernel finds for each ray; of hits, the primitive."""
     count = batch.ray_count
@@ -110,7 +110,7 @@ def _answer(
     answers = np.empty(count, dtype)
 
     def cast(call: Call, part: range, progress: Progress | None) -> None:
-        if (tree := call.on_host(count)) is not None:
+        if isinstance(batch, RayBatch) and (tree := call.on_host(count)) is not None:
             most_hits = 0 if query is CLOSEST_HIT else int(arguments.get("max_hits", 1))
             answers[:] = call.run_on_host(cast_on_host, tree, call.world.box, batch, most_hits)
             if progress is not None:

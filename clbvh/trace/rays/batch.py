@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...device.context import check_process
 from ...errors import QueryError
-from ...geometry.arrays import has_masked_values, pick_xyz
+from ...geometry.arrays import has_masked_values, is_device_array, on_host
 from ...support.compiled import compiled
 from ...support.memory import check_memory
 
@@ -80,30 +81,98 @@ def read_rays(
         A wrong shape, shapes that do not broadcast, or a limit that is out of range.
     """
     origins, directions = read_vectors(origins, "origins"), read_vectors(directions, "directions")
+    shape = _ray_shape(origins, directions)
+    limits, masks = _read_conditions(shape, t_min, t_max, mask)
+    vectors = Broadcast.to_shape(origins, 1, shape), Broadcast.to_shape(directions, 1, shape)
+    return RayBatch(*vectors, *limits, masks), shape
+
+
+class DeviceRays(NamedTuple):
+    """Rays in arrays on a device, which kernels read where they are; see cl/rays/arrays.cl.
+
+    Attributes
+    ----------
+    origins, directions : pyopencl.array.Array of float32 or float64 vectors, the file's coordinates
+        With any strides.
+    t_min, t_max, mask : as in `RayBatch`
+    shape : tuple of int
+        Leading shape that both are broadcast to.
+    """
+
+    origins: Any
+    directions: Any
+    t_min: Broadcast
+    t_max: Broadcast
+    mask: Broadcast | None
+    shape: tuple[int, ...]
+
+    @property
+    def ray_count(self) -> int:
+        """Number of rays."""
+        return math.prod(self.shape)
+
+    def axes(self, begin: int) -> NDArray[np.int64]:
+        """Return the (n, 3) numbers by which kernels find rays from `begin` on."""
+        columns = [[begin, 3, *self.shape]]
+        for array in (self.origins, self.directions):
+            leading = zip(array.shape[:-1], array.strides[:-1], strict=True)
+            steps = [0 if length == 1 else stride for length, stride in leading]
+            columns.append([array.offset, array.strides[-1], *[0] * (len(self.shape) - len(steps)), *steps])
+        return np.array(columns, np.int64).T
+
+    def to_host(self) -> RayBatch:
+        """Return the rays in the host's memory."""
+        origins, directions = (Broadcast.to_shape(on_host(each), 1, self.shape) for each in self[:2])
+        return RayBatch(origins, directions, self.t_min, self.t_max, self.mask)
+
+
+Rays: TypeAlias = RayBatch | DeviceRays
+
+
+def read_device_rays(
+    origins: Any, directions: Any, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None = None
+) -> tuple[DeviceRays, tuple[int, ...]]:
+    """Return rays whose vectors are on a device; all else as `read_rays`."""
+    for values, name in ((origins, "origins"), (directions, "directions")):
+        _check_vectors(values, name)
+    shape = _ray_shape(origins, directions)
+    limits, masks = _read_conditions(shape, t_min, t_max, mask)
+    return DeviceRays(origins, directions, *limits, masks, shape), shape
+
+
+def _ray_shape(origins: Any, directions: Any) -> tuple[int, ...]:
     try:
-        shape = broadcast_shape(origins.shape[:-1], directions.shape[:-1])
+        return broadcast_shape(origins.shape[:-1], directions.shape[:-1])
     except ValueError:
         raise QueryError(
             f"origins and directions must have shapes that broadcast against each other, "
             f"not {origins.shape} and {directions.shape}"
         ) from None
+
+
+def _read_conditions(
+    shape: tuple[int, ...], t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None
+) -> tuple[tuple[Broadcast, Broadcast], Broadcast | None]:
+    """Return the limits and the masks of rays of this leading shape."""
     limits = _read_limits(t_min, "t_min", shape, 0.0), _read_limits(t_max, "t_max", shape)
-    masks = None if mask is None else read_masks(mask, shape)
-    vectors = Broadcast.to_shape(origins, 1, shape), Broadcast.to_shape(directions, 1, shape)
-    return RayBatch(*vectors, *limits, masks), shape
+    return limits, None if mask is None else read_masks(mask, shape)
 
 
 def read_vectors(values: ArrayLike, name: str) -> NDArray[Any]:
     """Return (..., 3) float32 or float64."""
-    vectors = _read_numbers(pick_xyz(values), name)
+    vectors = _read_numbers(values, name)
     if vectors.dtype not in (np.float32, np.float64):
         with np.errstate(over="ignore"):  # of a wider dtype; what is not finite is refused later, by its index
             vectors = vectors.astype(np.float64)
     if vectors.shape == (0,):  # an empty list
         vectors = vectors.reshape(0, 3)
+    _check_vectors(vectors, name)
+    return vectors
+
+
+def _check_vectors(vectors: Any, name: str) -> None:
     if vectors.ndim == 0 or vectors.shape[-1] != 3:
         raise QueryError(f"{name} must have shape (3,), (n, 3) or (..., 3), not {vectors.shape}")
-    return vectors
 
 
 def read_points(points: ArrayLike) -> Broadcast:
@@ -114,8 +183,10 @@ def read_points(points: ArrayLike) -> Broadcast:
 
 def _read_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
     """Return an array of real numbers, of any dtype for them."""
+    if is_device_array(values):
+        check_process()
     try:
-        numbers = np.asarray(values)
+        numbers = np.asarray(on_host(values))
         if numbers.dtype == object:
             numbers = numbers.astype(np.float64)
     except (TypeError, ValueError, OverflowError) as error:

@@ -67,7 +67,7 @@ NO_LOWS = np.empty((0, RAY_LOW_LANES), np.float32)
 _SAMPLED_ORIGINS = 16
 
 # The mask of rays that see every instance.
-_ALL_VISIBLE = np.uint32(0xFFFFFFFF)
+ALL_VISIBLE = np.uint32(0xFFFFFFFF)
 
 
 class _Ray(NamedTuple):
@@ -137,7 +137,7 @@ def pack_rays(
     if bad != ALL_GOOD:
         raise explain_bad_ray(batch, first_ray + bad)
     if lows is not None:
-        lows["mask"] = _ALL_VISIBLE if batch.mask is None else _masks_of(batch.mask, first_ray, order, len(packed))
+        lows["mask"] = ALL_VISIBLE if batch.mask is None else _masks_of(batch.mask, first_ray, order, len(packed))
     return True
 
 

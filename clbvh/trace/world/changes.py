@@ -127,7 +127,7 @@ class Changes:
             trees = replace(trees, box=box)
         # Queries have queues of their own, which do not wait for this one.
         session.finish()
-        moved = place(trees, world.state.with_shape(geometry_id, shape), session)
+        moved = place(trees, world.state.with_shape(geometry_id, shape), session, before=world.refine_buffers)
         self._growths[geometry_id] = growth
         return moved
 

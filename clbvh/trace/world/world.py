@@ -21,6 +21,7 @@ from ...geometry import Mesh, Shape
 from ...scene.state import SceneState
 from ...structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUTS, WORLD_HIT
 from .metrics import LazyMetrics
+from .refine_buffers import RefineBuffers
 from .surface_arrays import SurfaceArrays, lone_arrays, make_surface_arrays, move_instances
 from .top_tree import TopTree
 from .tree_box import TreeBox
@@ -53,6 +54,8 @@ class World:
         The arrays of `top`, as the kernels call them.
     metrics : LazyMetrics
         What distances need of the instances.
+    refine_buffers : RefineBuffers
+        What the device needs to refine hits.
     """
 
     state: SceneState
@@ -62,6 +65,7 @@ class World:
     top: TopTree | None
     top_buffers: dict[str, Any]
     metrics: LazyMetrics
+    refine_buffers: RefineBuffers
 
     @property
     def arrays(self) -> SurfaceArrays:
@@ -149,7 +153,7 @@ class World:
             A branch of the owner's, for this thread.
         """
         arrays = None if self.is_lone else move_instances(self.arrays, state.transforms)
-        return place(self.trees, state, session, arrays)
+        return place(self.trees, state, session, arrays, self.refine_buffers)
 
 
 def make_defines(layout: str, stack_size: int, *, is_lone: bool, has_spheres: bool) -> dict[str, int]:
@@ -205,7 +209,10 @@ def open_world(
     return place(trees, state, session)
 
 
-def place(trees: DeviceTrees, state: SceneState, session: DeviceSession, arrays: SurfaceArrays | None = None) -> World:
+def place(
+    trees: DeviceTrees, state: SceneState, session: DeviceSession, arrays: SurfaceArrays | None = None,
+    before: RefineBuffers | None = None,
+) -> World:  # fmt: skip
     """Return the world of trees on a device and the instances of a scene.
 
     Parameters
@@ -216,6 +223,8 @@ def place(trees: DeviceTrees, state: SceneState, session: DeviceSession, arrays:
         The owner of the trees, or a branch of it.
     arrays : SurfaceArrays, optional
         Of the state, if they are there already.
+    before : RefineBuffers, optional
+        Of the world that this one follows.
 
     Raises
     ------
@@ -227,7 +236,9 @@ def place(trees: DeviceTrees, state: SceneState, session: DeviceSession, arrays:
     if is_lone(state):
         # A mesh on the device is downloaded when a hit needs float64.
         find_arrays = cache(partial(lone_arrays, state.shapes[0]))
-        return World(state, trees, find_arrays, trees.box, None, {}, LazyMetrics(find_arrays, trees.box.scale))
+        lone, metrics = state.shapes[0], LazyMetrics(find_arrays, trees.box.scale)
+        refine_buffers = RefineBuffers(find_arrays, lone if isinstance(lone, Mesh) else None, before)
+        return World(state, trees, find_arrays, trees.box, None, {}, metrics, refine_buffers)
     arrays = arrays or make_surface_arrays(state.shapes, state.geometry_ids, state.transforms)
     top = TopTree.build(arrays, trees.ranges, state.masks)
     buffers = {}
@@ -236,7 +247,8 @@ def place(trees: DeviceTrees, state: SceneState, session: DeviceSession, arrays:
         session.write(buffers[name], array)
     find_arrays = cache(lambda: arrays)
     metrics = LazyMetrics(find_arrays, float(top.bvh.shape.scale))
-    return World(state, trees, find_arrays, TreeBox.around(top.bvh), top, buffers, metrics)
+    refine_buffers = RefineBuffers(find_arrays, None, before)
+    return World(state, trees, find_arrays, TreeBox.around(top.bvh), top, buffers, metrics, refine_buffers)
 
 
 def with_instances(world: World, top_buffers: dict[str, Any]) -> World:
