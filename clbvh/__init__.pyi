@@ -57,7 +57,7 @@ from .rendering.series import (
 )
 from .rendering.settings import Vector as Vector
 from .rendering.view import Light as Light, View as View, Wireframe as Wireframe
-from .scene.handles import Geometry as Geometry, Instance as Instance
+from .scene.handles import Geometry as Geometry, Instance as Instance, Instances as Instances
 from .scene.scene import Scene as Scene
 from .scene.state import SceneState as SceneState
 from .scene.transforms import Transform as Transform
@@ -66,6 +66,7 @@ from .support.folders import __version__ as __version__
 from .trace.hits.device_hits import DeviceHits as DeviceHits
 from .trace.hits.hits import AllHits as AllHits, Hits as Hits
 from .trace.hits.normals import Normals as Normals
+from .trace.hits.start_points import offset_points as offset_points
 from .trace.points.refine import ClosestPoints as ClosestPoints
 from .trace.rays.pieces import Progress as Progress
 from .trace.shards import ShardedTracer as ShardedTracer

@@ -20,12 +20,12 @@ SEEN, HIDDEN, DARK = (255, 196, 40), (110, 130, 160), (40, 40, 40)
 RADIUS = 9  # of the mark, pixels
 
 
-def pick(picture: clbvh.Picture, column: int, row: int) -> tuple[int, np.ndarray]:
-    """Return the face under a pixel, and the point (3,) where the pixel's ray hits it."""
+def pick(picture: clbvh.Picture, column: int, row: int) -> clbvh.Hits:
+    """Return the hit under a pixel."""
     hits = picture.hits
     if not hits.is_hit[row, column]:
         raise SystemExit(f"nothing is under pixel {column}, {row}: take one of the mesh")
-    return int(hits.prim_id[row, column]), hits.locations[row, column]
+    return hits[row, column]
 
 
 def find_pixel(camera: clbvh.Camera, point: np.ndarray) -> tuple[int, int]:
@@ -35,11 +35,11 @@ def find_pixel(camera: clbvh.Camera, point: np.ndarray) -> tuple[int, int]:
     return int(np.floor(x / depth)), int(np.floor(y / depth))
 
 
-def is_seen(tracer: clbvh.Tracer, camera: clbvh.Camera, point: np.ndarray) -> bool:
+def is_seen(tracer: clbvh.Tracer, camera: clbvh.Camera, hit: clbvh.Hits) -> bool:
     """Return whether nothing is between the eye and a point of the surface."""
-    eye = np.array(camera.eye)
-    # t = 1 is the point itself, whose own surface is no obstacle.
-    return not tracer.any_hit(eye, point - eye, t_max=1 - 1e-4)
+    # From the point, just off its own surface, to the eye.
+    start = hit.offset_origins(towards=camera.eye - hit.locations)
+    return not tracer.any_hit(start, camera.eye - start, t_max=1)
 
 
 def mark(rgb: np.ndarray, column: int, row: int, colour: tuple[int, int, int]) -> None:
@@ -65,17 +65,17 @@ def main() -> None:
     with clbvh.Renderer(bvh) as renderer, clbvh.Tracer(bvh) as tracer:
         cameras = renderer.turntable(options.frames, width=WIDTH, height=HEIGHT)
         first = renderer.render(camera=cameras[0], width=WIDTH, height=HEIGHT)
-        prim_id, point = pick(first, *options.pick)
+        hit = pick(first, *options.pick)
         for camera in cameras:
             rgb = renderer.render(camera=camera, width=WIDTH, height=HEIGHT).rgb.copy()
-            mark(rgb, *find_pixel(camera, point), SEEN if is_seen(tracer, camera, point) else HIDDEN)
+            mark(rgb, *find_pixel(camera, hit.locations), SEEN if is_seen(tracer, camera, hit) else HIDDEN)
             frames.append(rgb)
 
     imageio.imwrite(options.output, frames, duration=1000 * 6 // options.frames, loop=0)
     if options.sheet:
         chosen = [frames[number * options.frames // SHEET_FRAMES] for number in range(SHEET_FRAMES)]
         imageio.imwrite(options.sheet, np.vstack([np.hstack(chosen[:2]), np.hstack(chosen[2:])]))
-    print(f"{options.output}: {options.frames} frames; face {prim_id} at {point.round(4).tolist()} was picked")
+    print(f"{options.output}: {options.frames} frames; picked: {hit}")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ _OUTPUT_HELP = (
 )
 _CHANNELS_HELP = (
     "rgb, colour, alpha, depth (along the optical axis), range (from the eye), normal, normal_camera, shading_normal, "
-    "shading_normal_camera, position, instance_id, geometry_id, primitive_id, barycentric, uv, motion."
+    "shading_normal_camera, position, instance_id, geometry_id, prim_id, barycentric, uv, motion."
 )
 _CHANNELS = Parameter(metavar="A,B,...", help=_CHANNELS_HELP, show_default=",".join(DEFAULT_CHANNELS))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 from typing import Any
 
@@ -42,8 +43,6 @@ class BuiltScene:
     Attributes
     ----------
     state : SceneState
-    mesh : Mesh or None
-        The only mesh, in its place; None for a scene of several objects, or of one that is moved.
     trees : tuple of Bvh
         One for each geometry; none with the builder ``"brute"``.
     top : Bvh or None
@@ -65,8 +64,6 @@ class BuiltScene:
         if state.instance_count == 0:
             raise SceneError("the scene is empty: add a geometry and place it, as in scene.place(scene.add(mesh))")
         self.state, self._options = state, options
-        shape = state.lone_shape
-        self.mesh = shape if isinstance(shape, Mesh) and state.geometry_count == 1 else None
         self.trees: tuple[Bvh, ...] = ()
         self.top: Bvh | None = None
         self.surface: Surface
@@ -94,6 +91,12 @@ class BuiltScene:
             {phase: sum(each.timings_ms[phase] for each in made) for phase in ("cache", "build")},
             tuple(dict.fromkeys(note for each in made for note in each.notes)),
         )
+
+    @property
+    def mesh(self) -> Mesh | None:
+        """The only mesh, in its place; None for a scene of several objects, or of one that is moved."""
+        shape = self.state.lone_shape
+        return shape if isinstance(shape, Mesh) and self.state.geometry_count == 1 else None
 
     @property
     def bvh(self) -> Bvh | None:
@@ -124,8 +127,19 @@ class BuiltScene:
     def put(self, session: DeviceSession) -> World:
         """Put everything on the device."""
         world = open_world(session, self.state, self.trees or None, self._options.chosen_layout)
-        self.top, self.surface = None if world.top is None else world.top.bvh, Surface.of_world(world)
+        self._show(world)
         return world
+
+    def _show(self, world: World) -> None:
+        self.top, self.surface = None if world.top is None else world.top.bvh, Surface.of_world(world)
+
+    def at(self, world: World) -> BuiltScene:
+        """Return the scene with the transforms of another world; trees and materials are shared."""
+        moved = copy(self)
+        vars(moved).pop("bounds", None)
+        moved.state = world.state
+        moved._show(world)
+        return moved
 
     def validate(self) -> None:
         """Raise `ValidationError` unless all trees are right."""

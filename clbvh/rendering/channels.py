@@ -174,7 +174,7 @@ CHANNELS = {
     "position": Channel(lambda subject: subject.hits.locations, "vector", _vector("position", "XYZ"), np.float64),
     "instance_id": _id("instance_id", lambda subject: subject.hits.instance_id),
     "geometry_id": _id("geometry_id", lambda subject: subject.hits.geometry_id),
-    "primitive_id": _id("primitive_id", lambda subject: subject.hits.prim_id),
+    "prim_id": _id("prim_id", lambda subject: subject.hits.prim_id),
     "barycentric": Channel(_find_barycentric, "vector", _vector("barycentric", "UV")),
     "uv": Channel(
         lambda each: find_texture_coordinates(each.hits, each.picture.scene.state.shapes), "vector", _vector("uv", "UV")
@@ -288,9 +288,9 @@ class NextPose:
             raise SceneError(f"the next camera must be a clbvh.Camera, not {camera!r}")
         if transforms is not None and not isinstance(transforms, Mapping):
             raise SceneError(f"the next transforms must be a mapping, {{instance: matrix, ...}}, not {transforms!r}")
-        moved = {scene.find(key) if isinstance(key, str) else key: each for key, each in (transforms or {}).items()}
+        moved = transforms or {}
         self._camera = camera
-        self._ids = scene.instance_ids([*moved]) if moved else np.empty(0, np.int64)
+        self._ids = scene.instance_ids([*moved])
         checked = [check_transform(matrix, f"the next transform of {key!r}") for key, matrix in moved.items()]
         self._matrices = np.array(checked).reshape(-1, 4, 4)
 
@@ -319,7 +319,5 @@ class NextPose:
         if not len(self._ids):
             return None
         state = picture.scene.state
-        if (newest := int(self._ids.max())) >= state.instance_count:
-            raise SceneError(f"instance {newest} was placed after the renderer was opened: open another one")
-        state = state.with_transforms(self._ids, self._matrices)
+        state = state.with_transforms(state.check_ids(self._ids), self._matrices)
         return Surface.from_shapes(state.shapes, state.names, state.geometry_ids, state.transforms)

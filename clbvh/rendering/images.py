@@ -48,7 +48,7 @@ class Images(Mapping[str, NDArray[Any]]):
     | normal_camera | the same along the camera's axes: x right, y down, z forward, as in OpenCV | 0 |
     | shading_normal, shading_normal_camera | the file's at vertices, or smooth ones | 0 |
     | position | (h, w, 3) float64: the scene's coordinates | NaN |
-    | instance_id, geometry_id, primitive_id | (h, w) int32 | -1 |
+    | instance_id, geometry_id, prim_id | (h, w) int32 | -1 |
     | barycentric | (h, w, 2) float32: u and v of hits | NaN |
     | uv | (h, w, 2) float32: texture coordinates, (0, 0) at the lower left | NaN, also without such coordinates |
     | motion | (h, w, 2) float32: pixels to the right and downwards, to the second pose | NaN, also behind the camera |

@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -127,6 +128,12 @@ class FrameRenderer:
     ) -> None:
         first, *rest = (Caster(*each, "renderer") for each in ((session, world), *others))
         self.caster = first.beside(rest)
+
+    def at(self, caster: Caster) -> FrameRenderer:
+        """Return the same with other worlds, which a caster holds."""
+        moved = copy(self)
+        moved.caster = caster
+        return moved
 
     def render(
         self,
@@ -472,6 +479,13 @@ class Painters:
         self._session, self._world, self._scene = session, world, scene
         self._lock = threading.Lock()
         self._known: dict[Any, Any] = {}
+        self._tables: dict[Any, Any] = {}  # that no transform changes
+
+    def at(self, world: World, scene: BuiltScene) -> Painters:
+        """Return the painters of a scene with other transforms; the tables that do not depend on them are shared."""
+        moved = copy(self)
+        moved._world, moved._scene, moved._known = world, scene, {}
+        return moved
 
     def painter(self, view: View, described: NDArray[np.void], progress: Progress) -> OneRayPainter | SamplePainter:
         """Return the painter of a picture, and fill what the view says of the light.
@@ -489,22 +503,17 @@ class Painters:
         with self._lock:
             if view.shading in REPORT_SHADINGS:
                 make = partial(OneRayPainter, self._session, self._world, None, self._scene.looks.colours, parts)
-                return self._keep(("one ray", *parts.values()), make)
+                return _keep(self._known, ("one ray", *parts.values()), make)
             is_path = view.shading == "path"
             if is_path:
                 lights = self._find_lights()
                 described["light_count"], described["light_power"] = lights.count, lights.power
             parts["HAS_GROUND"] = int(is_path and bool(described["ground_radius"][0] > 0))
             key = view.shading, view.smooth, *parts.values()
-            shading, buffers = self._keep(key, lambda: self._make_shading(view, parts))
+            shading, buffers = _keep(self._known, key, lambda: self._make_shading(view, parts))
             if is_path and view.environment is not None:
                 buffers = buffers | self._find_environment(view, described)
             return SamplePainter(shading, progress, buffers)
-
-    def _keep(self, key: Any, make: Callable[[], Any]) -> Any:
-        if key not in self._known:
-            self._known[key] = make()
-        return self._known[key]
 
     def _upload(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         return {name: self._session.upload(array) for name, array in arrays.items()}
@@ -520,17 +529,15 @@ class Painters:
 
     def _find_tables(self, view: View) -> dict[str, Any]:
         """Return the tables that the kernels of a shading read, on the device."""
-        buffers = self._keep(("looks", view.smooth), lambda: self._upload(self._make_looks(view.smooth)))
-        return buffers | self._upload(self._find_lights().arrays) if view.shading == "path" else buffers
-
-    def _make_looks(self, crease_angle: float) -> dict[str, NDArray[Any]]:
         looks = self._scene.looks
         is_light = find_lights(looks.shapes, looks.shape_ids, self._scene.to_local())
-        return make_look_tables(looks, is_light, crease_angle)
+        key = "looks", view.smooth, is_light.tobytes()
+        buffers = _keep(self._tables, key, lambda: self._upload(make_look_tables(looks, is_light, view.smooth)))
+        return buffers | self._upload(self._find_lights().arrays) if view.shading == "path" else buffers
 
     def _find_lights(self) -> LightTables:
         looks, scene = self._scene.looks, self._scene
-        return self._keep("lights", lambda: make_light_tables(looks.shapes, looks.shape_ids, scene.to_local()))
+        return _keep(self._known, "lights", lambda: make_light_tables(looks.shapes, looks.shape_ids, scene.to_local()))
 
     def _find_environment(self, view: View, described: NDArray[np.void]) -> dict[str, Any]:
         """Return the environment on the device, where it stays for other pictures; describe how it is seen."""
@@ -542,6 +549,12 @@ class Painters:
             tables = make_environment_tables(view.environment.pixels)  # type: ignore[union-attr]
             return tables, self._upload(tables.arrays)
 
-        tables, buffers = self._keep(view.environment, make)
+        tables, buffers = _keep(self._tables, view.environment, make)
         tables.describe(described, view)
         return buffers
+
+
+def _keep(known: dict[Any, Any], key: Any, make: Callable[[], Any]) -> Any:
+    if key not in known:
+        known[key] = make()
+    return known[key]

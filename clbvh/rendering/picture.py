@@ -79,6 +79,12 @@ class Picture:
     >>> picture = clbvh.render(clbvh.make_shape("icosphere", triangles=320), width=64, height=48)
     >>> picture
     Picture(64 x 48 of 'icosphere', 1,565 pixels hit)
+
+    numpy, matplotlib's `imshow` and others that take arrays see its `pixels`:
+
+    >>> import numpy as np
+    >>> np.asarray(picture).shape
+    (48, 64, 3)
     """
 
     rgb: NDArray[np.uint8]
@@ -116,6 +122,35 @@ class Picture:
         ...     picture.save(Path(folder, "sphere.png"))
         """
         write_picture(path, self.pixels)
+
+    def to_pil(self) -> Any:
+        """Return a `PIL.Image.Image` of the pixels, a copy.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> picture = clbvh.render(clbvh.make_shape("icosphere", triangles=320), width=64, height=48)
+        >>> picture.to_pil().resize((32, 24)).size
+        (32, 24)
+        """
+        from PIL import Image
+
+        return Image.fromarray(self.pixels)
+
+    def show(self) -> None:
+        """Open the picture in the desktop's viewer, by way of `PIL.Image.Image.show`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> picture = clbvh.render(clbvh.make_shape("icosphere", triangles=320), width=64, height=48)
+        >>> picture.show()  # doctest: +SKIP
+        """
+        self.to_pil().show()
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return `pixels`, so that a picture can be given for an array."""
+        return np.array(self.pixels, dtype, copy=copy)
 
     def _repr_png_(self) -> bytes:
         """Return the picture as PNG, for notebooks."""

@@ -5,12 +5,13 @@ Owns the order of the steps from a scene and a view to a picture; each step has 
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,9 +21,10 @@ from ..choices import DEFAULT_CHANNELS, REPORT_SHADINGS, STANDARD_VIEWS
 from ..device.context import EventTimes, check_process
 from ..device.info import DeviceInfo
 from ..device.select import choose_devices
+from ..device.session import DeviceSession
 from ..errors import ConfigError, QueryError, SceneError
 from ..geometry import Mesh
-from ..scene.handles import shorten
+from ..scene.handles import Instances, shorten
 from ..scene.scene import Scene
 from ..structs import VIEW
 from ..support.context_manager import ContextManager
@@ -32,7 +34,10 @@ from ..support.opened import digest_of, open_once
 from ..support.stopwatch import Stopwatch, add_total
 from ..trace.hits.closest import find_closest_hits
 from ..trace.hits.hits import Hits
+from ..trace.launch import Caster
+from ..trace.ranges import leave_out, move_worlds
 from ..trace.rays.batch import read_rays
+from ..trace.world.world import World
 from .built_scene import BuiltScene
 from .cameras.camera import Camera
 from .kernel_view import is_lit_as_studio, make_kernel_view
@@ -48,6 +53,15 @@ if TYPE_CHECKING:
 
 # Four channels of float32.
 _FILM_BYTES = 16
+
+
+class _Shown(NamedTuple):
+    """What a renderer shows: a picture reads it once, because a move replaces it."""
+
+    built: BuiltScene
+    finder: ViewFinder
+    frames: FrameRenderer
+    painters: dict[DeviceSession, Painters]
 
 
 class Renderer(ContextManager):
@@ -127,7 +141,7 @@ class Renderer(ContextManager):
         enter = on_phase or _ignore
         watch = Stopwatch()
 
-        def make_world() -> None:
+        def make_world() -> BuiltScene:
             """Open the source, and build its trees on the host."""
             enter("load")
             self.scene, own_view = as_scene(source)
@@ -135,10 +149,11 @@ class Renderer(ContextManager):
             state = self.scene.snapshot()
             watch.lap("load")
             enter("build")
-            self._built = BuiltScene(state, self._options, source if isinstance(source, Bvh) else None)
-            self._finder = ViewFinder(self._built.bounds)
+            built = BuiltScene(state, self._options, source if isinstance(source, Bvh) else None)
+            _ = built.bounds  # read while the device opens
             watch.lap("build")
             enter("open the device")
+            return built
 
         # Closed if a step fails, and not at the end of this block.
         with ExitStack() as on_failure:
@@ -146,20 +161,22 @@ class Renderer(ContextManager):
             guessed = (view or View()).changed(**changes)
             devices = choose_devices(self._options.device)
             # Side by side: a driver starts, and loads what it has compiled, without Python's lock.
-            _, *sessions = side_by_side(make_world, *(partial(open_session, each, guessed.shading) for each in devices))
+            opening = (partial(open_session, each, guessed.shading) for each in devices)
+            built, *sessions = side_by_side(make_world, *opening)
             for each in sessions:
                 on_failure.push(each)
             watch.lap("open")
-            worlds = [(each, self._built.put(each)) for each in sessions]
-            self._frames = FrameRenderer(*worlds[0], worlds[1:])
-            self._painters = {each: Painters(each, world, self._built) for each, world in worlds}
+            worlds = [(each, built.put(each)) for each in sessions]
+            painters = {each: Painters(each, world, built) for each, world in worlds}
+            self._shown = _Shown(built, ViewFinder(built.bounds), FrameRenderer(*worlds[0], worlds[1:]), painters)
+            self._moving = threading.Lock()
             watch.lap("layout")
             # So that the first picture takes no longer than the others.
-            for painters in self._painters.values():
-                painters.painter(self.view, np.zeros(1, VIEW), Progress(1))
+            for each in painters.values():
+                each.painter(self.view, np.zeros(1, VIEW), Progress(1))
             upload_ms = sum(each.times.sums_ms()["upload"] for each in sessions)
             watch.lap("compile")
-            laps_ms, made = watch.laps_ms, self._built.made
+            laps_ms, made = watch.laps_ms, built.made
             phases_ms = {
                 "load": laps_ms["load"],
                 **(dict.fromkeys(("cache", "build"), 0.0) if made is None else made.timings_ms),
@@ -173,7 +190,7 @@ class Renderer(ContextManager):
             self.timings = add_total(phases_ms, watch.total_ms)
             if self._options.validate:
                 enter("validate")
-                self._built.validate()
+                built.validate()
             on_failure.pop_all()
 
     def render(
@@ -239,9 +256,10 @@ class Renderer(ContextManager):
         watch, enter = Stopwatch(), on_phase or _ignore
         enter("render")
         given = self._find_view(view, changes)
-        view = self._finder.complete(given)
-        camera = self._finder.camera(view)
-        is_studio_lit = is_lit_as_studio(view, camera, self._finder.bounds(view)) and not self._built.has_lamps
+        built, finder, frames, made_painters = self._shown
+        view = finder.complete(given)
+        camera = finder.camera(view)
+        is_studio_lit = is_lit_as_studio(view, camera, finder.bounds(view)) and not built.has_lamps
         if is_studio_lit:
             # A ground would hide what is behind a transparent picture.
             has_ground = not view.transparent if view.ground is None else view.ground
@@ -257,17 +275,17 @@ class Renderer(ContextManager):
             check_memory("the film of the picture", view.width * view.height * _FILM_BYTES, SceneError)
             progress.film = np.empty((view.height, view.width, 4), np.float32)
         times = EventTimes()
-        built, space, ground = self._built, self._built.space, self._finder.ground(view, camera)
-        boxes = built.bounds.box_in(space), ground, self._finder.bounds(view).box_in(space)
+        space, ground = built.space, finder.ground(view, camera)
+        boxes = built.bounds.box_in(space), ground, finder.bounds(view).box_in(space)
         described = make_kernel_view(view, camera, space, *boxes, is_studio_lit)
-        sessions = [each.session for each in self._frames.caster.working]
-        painters = {each: self._painters[each].painter(view, described, progress) for each in sessions}
+        sessions = [each.session for each in frames.caster.working]
+        painters = {each: made_painters[each].painter(view, described, progress) for each in sessions}
 
         def show(rows: float, height: int) -> None:
             if on_samples is not None:
                 on_samples(round(rows * pixel_samples), height * pixel_samples)
 
-        colours, found = self._frames.render(described, next(iter(painters.values())), times, painters, show, launch_s)
+        colours, found = frames.render(described, next(iter(painters.values())), times, painters, show, launch_s)
         rgb = np.empty((*found.shape, 3), np.uint8)
         for channel in range(3):  # 14 times as fast as colours[..., :3].copy()
             rgb[..., channel] = colours[..., channel]
@@ -287,7 +305,7 @@ class Renderer(ContextManager):
             workers=made.workers if made is not None else int(not built.trees),
             timings=add_total({phase: own_ms.get(phase, 0.0) for phase in [*self.timings][:-2]}, watch.total_ms),
             tree_from_cache=made is not None and made.from_cache,
-            notes=(*(made.notes if made is not None else ()), *self._finder.notes(given)),
+            notes=(*(made.notes if made is not None else ()), *finder.notes(given)),
         )
         if not self._options.validate:
             return picture
@@ -324,15 +342,70 @@ class Renderer(ContextManager):
         second = self.scene, next_camera, next_transforms
         return make_images(self.render, self._find_view(view, changes), channels, second, on_phase)
 
+    def set_transforms(self, instances: Instances, transforms: ArrayLike) -> None:
+        """Move instances of the scene: later pictures are those of a new renderer of the moved scene, to the last bit.
+
+        Only the tree over the instances is built anew, and the table of the lights that move.
+
+        Parameters
+        ----------
+        instances : Instance, int or str, or several
+            Those to move, by handle, id or name. The others stay where they are.
+        transforms : (n, 4, 4) float, or Transform
+            From the coordinates of each instance's geometry to the scene's; (4, 4) for one.
+
+        Raises
+        ------
+        SceneError
+            No such instance, one of another scene, or one that was placed after the renderer was opened; a matrix that
+            is not finite, not affine, or singular; or an instance that is too small beside the scene.
+        QueryError
+            The renderer is closed.
+        DeviceError
+            The device refuses, or this process was forked from one that has used OpenCL.
+
+        Notes
+        -----
+        A picture that another thread is rendering ends on the scene that it began with, and keeps its hits. `scene`
+        does not change. A view without a camera, or with a guessed `up`, frames the scene as it is now: for a film,
+        give one camera to all pictures.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene()
+        >>> ball = scene.add(clbvh.make_shape("icosphere", triangles=320))
+        >>> link, base = scene.place(ball, name="link"), scene.place(ball, name="base")
+        >>> with clbvh.Renderer(scene, width=64, height=48, eye=(0, 0, 9), look_at=(0, 0, 0)) as renderer:
+        ...     before = renderer.render().report()["hits"]
+        ...     renderer.set_transforms("link", clbvh.Transform(translate=(2, 0, 0)))
+        ...     before, renderer.render().report()["hits"]
+        (216, 440)
+        """
+        with self._shown.frames.caster.working[0].open_call() as call, self._moving:
+            built, _, frames, painters = self._shown
+            state = self.scene._move(built.state, instances, transforms)
+
+            def move(device: Caster, session: DeviceSession) -> World:
+                return device.world.with_transforms(state, session)
+
+            caster, moved, failed = move_worlds(frames.caster, call, move)
+            built = built.at(moved[0][1])
+            if self._options.validate:
+                built.validate()
+            painters = {device.session: painters[device.session].at(world, built) for device, world in moved}
+            self._shown = _Shown(built, ViewFinder(built.bounds), frames.at(caster), painters)
+            leave_out(caster, failed)
+
     @property
     def mesh(self) -> Mesh | None:
         """The mesh, in the scene's coordinates; None for a scene of several objects."""
-        return self._built.mesh
+        return self._shown.built.mesh
 
     @property
     def bvh(self) -> Bvh | None:
         """The tree of the mesh; None with the builder ``"brute"``, and for a scene of several objects."""
-        return self._built.bvh
+        return self._shown.built.bvh
 
     @property
     def device(self) -> DeviceInfo:
@@ -342,22 +415,22 @@ class Renderer(ContextManager):
     @property
     def devices(self) -> tuple[DeviceInfo, ...]:
         """The devices that the tree is on, without those that have failed."""
-        return tuple(each.session.info for each in self._frames.caster.working)
+        return tuple(each.session.info for each in self._shown.frames.caster.working)
 
     @property
     def layout(self) -> str:
         """The layout of the tree on the device."""
-        return self._frames.caster.world.layout
+        return self._shown.frames.caster.world.layout
 
     @property
     def memory_bytes(self) -> int:
         """Memory of all devices that the tree and the triangles take."""
-        return sum(each.world.memory_bytes for each in self._frames.caster.all)
+        return sum(each.world.memory_bytes for each in self._shown.frames.caster.all)
 
     @property
     def is_closed(self) -> bool:
         """Whether the renderer makes no more pictures."""
-        return self._frames.caster.calls.is_closed
+        return self._shown.frames.caster.calls.is_closed
 
     def close(self) -> None:
         """Give the device's memory back. Closing twice is allowed.
@@ -372,12 +445,12 @@ class Renderer(ContextManager):
         >>> renderer.is_closed
         True
         """
-        self._frames.caster.close()
+        self._shown.frames.caster.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self.is_closed:
             raise QueryError("a closed renderer cannot be pickled: pickle it before, or what it was opened from")
-        built = self._built
+        built = self._shown.built
         tree = built.bvh if built.made is None else None  # that was given
         key = digest_of((built.state, None if tree is None else (tree.nodes, tree.prim_ids), self._options))
         return _reopen, (key, self.scene._at(built.state), tree, self.view, self._options)
@@ -385,15 +458,18 @@ class Renderer(ContextManager):
     def _twin(self, scene: Scene, view: View) -> Renderer:
         """Return a renderer of the same scene whose end is its own."""
         twin = object.__new__(Renderer)
-        vars(twin).update(vars(self), scene=scene._at(self._built.state), view=view)
-        worlds = {each.session: (each.session.branch(), each.world) for each in self._frames.caster.working}
+        built, finder, frames, painters = self._shown
+        vars(twin).update(vars(self), scene=scene._at(built.state), view=view, _moving=threading.Lock())
+        worlds = {each.session: (each.session.branch(), each.world) for each in frames.caster.working}
         first, *others = worlds.values()
-        twin._frames = FrameRenderer(*first, others)
-        twin._painters = {branch: self._painters[session] for session, (branch, _) in worlds.items()}
+        own = {branch: painters[session] for session, (branch, _) in worlds.items()}
+        twin._shown = _Shown(built, finder, FrameRenderer(*first, others), own)
         return twin
 
     def __repr__(self) -> str:
-        return f"Renderer({self._built.name!r}, device={self.device.name!r}, layout={self.layout!r})"
+        built = self._shown.built
+        counts = built.state._describe()
+        return f"Renderer({built.name!r}, {counts}, device={self.device.name!r}, layout={self.layout!r})"
 
     @property
     def camera(self) -> Camera:
@@ -410,7 +486,8 @@ class Renderer(ContextManager):
         ...     renderer.find_camera(side="top").up
         (-0.0, -0.0, -1.0)
         """
-        return self._finder.camera(self._finder.complete(self._find_view(view, changes)))
+        finder = self._shown.finder
+        return finder.camera(finder.complete(self._find_view(view, changes)))
 
     def hits_at(self, pixels: ArrayLike, view: View | None = None, **changes: Any) -> Hits:
         """Return what points of a picture show, without rendering it.
@@ -437,11 +514,12 @@ class Renderer(ContextManager):
         >>> hits.is_hit
         array([ True, False])
         """
-        view = self._finder.complete(self._find_view(view, changes))
-        origins, directions = self._finder.camera(view).rays_at(pixels, view.width, view.height)
+        _, finder, frames, _ = self._shown
+        view = finder.complete(self._find_view(view, changes))
+        origins, directions = finder.camera(view).rays_at(pixels, view.width, view.height)
 
         def cast(t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf) -> Hits:
-            return find_closest_hits(self._frames.caster, *read_rays(origins, directions, t_min, t_max), None)
+            return find_closest_hits(frames.caster, *read_rays(origins, directions, t_min, t_max), None)
 
         if view.cut is None:
             return cast()
@@ -477,7 +555,8 @@ class Renderer(ContextManager):
         """
         if isinstance(count, bool) or not isinstance(count, Integral) or count < 1:
             raise SceneError(f"a turn has at least one camera, not {count!r}")
-        return self._finder.turn(self._finder.complete(self._find_view(view, changes)), int(count))
+        finder = self._shown.finder
+        return finder.turn(finder.complete(self._find_view(view, changes)), int(count))
 
     def measure_views(self, views: Sequence[str] = STANDARD_VIEWS, **changes: Any) -> dict[str, tuple[float, float]]:
         """Return the width and the height of the whole scene, seen without perspective from each side.
@@ -496,8 +575,9 @@ class Renderer(ContextManager):
         ...     renderer.measure_views(["front", "right"])
         {'front': (2.0, 3.0), 'right': (0.0, 3.0)}
         """
-        view = self._finder.complete(self._find_view(None, changes))
-        return {side: self._finder.measure(view, side) for side in views}
+        finder = self._shown.finder
+        view = finder.complete(self._find_view(None, changes))
+        return {side: finder.measure(view, side) for side in views}
 
     def list_notes(self, view: View | None = None, **changes: Any) -> tuple[str, ...]:
         """Return notes on a view: the guessed `up`, outliers, a cut that cuts nothing.
@@ -509,7 +589,7 @@ class Renderer(ContextManager):
         ...     renderer.list_notes()
         ()
         """
-        return self._finder.notes(self._find_view(view, changes))
+        return self._shown.finder.notes(self._find_view(view, changes))
 
     def _find_view(self, view: View | None, changes: Mapping[str, Any]) -> View:
         _check_type("view", view, View)
@@ -644,11 +724,11 @@ def render_images(
     >>> ball = clbvh.make_shape("icosphere", triangles=5120)
     >>> camera, moved = (clbvh.Camera(eye=(x, 0, 3), look_at=(x, 0, 0)) for x in (0.0, 0.1))
     >>> images = clbvh.render_images(
-    ...     ball, ("depth", "motion", "primitive_id"), camera=camera, next_camera=moved, width=65, height=65
+    ...     ball, ("depth", "motion", "prim_id"), camera=camera, next_camera=moved, width=65, height=65
     ... )
     >>> images["motion"][32, 32].round(2)  # focal length / depth * shift, to the left
     array([-5.15,  0.  ], dtype=float32)
-    >>> np.isinf(images["depth"][0, 0]).item(), images["primitive_id"][0, 0].item()
+    >>> np.isinf(images["depth"][0, 0]).item(), images["prim_id"][0, 0].item()
     (True, -1)
     """
     from .channels import check_channels

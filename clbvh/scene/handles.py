@@ -5,6 +5,7 @@ Owns nothing: the scene does.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from numbers import Integral
 from typing import Any, TypeAlias
@@ -115,6 +116,9 @@ class Instance:
     def __repr__(self) -> str:
         return f"Instance({self.id}, {self.name!r}, of={self.geometry.name!r})"
 
+
+Instances: TypeAlias = Instance | int | str | Iterable[Instance | int | str]
+"""An instance of a scene, or several: each by its handle, its id or its name."""
 
 _MAX_SHOWN = 60  # characters of a wrong value in a message
 

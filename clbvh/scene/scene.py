@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from numbers import Integral
 from typing import Any
 
@@ -24,6 +24,7 @@ from .handles import (
     ALL_BITS,
     Geometry,
     Instance,
+    Instances,
     check_colour,
     check_mask,
     check_material,
@@ -66,6 +67,9 @@ class Scene:
     >>> ball = scene.add(clbvh.make_shape("icosphere", triangles=320), name="ball")
     >>> left = scene.place(ball)
     >>> right = scene.place(ball, clbvh.Transform(scale=2, translate=(5, 0, 0)))
+    >>> scene
+    Scene(geometries=1, instances=2)
+      'ball': 320 triangles, placed as 'ball', 'ball 2'
     >>> scene.instances
     (Instance(0, 'ball', of='ball'), Instance(1, 'ball 2', of='ball'))
     """
@@ -189,6 +193,7 @@ class Scene:
         ...     clbvh.Scene(clbvh.Spheres([[0, 0, 0]], 1)).save(Path(folder, "ball.scene"))
         ...     clbvh.Scene.load(Path(folder, "ball.scene"))
         Scene(geometries=1, instances=1)
+          'spheres': 1 sphere, placed as 'spheres'
         """
         from .serialize import read_scene
 
@@ -571,30 +576,31 @@ class Scene:
             raise SceneError(f"{geometry!r} belongs to another scene: add its shape to this one")
         return geometry.id
 
-    def instance_ids(self, instances: Instance | int | Iterable[Instance | int]) -> NDArray[np.int64]:
+    def instance_ids(self, instances: Instances) -> NDArray[np.int64]:
         """Return the ids of instances, (n,) int64.
 
         Parameters
         ----------
-        instances : Instance or int, or a sequence of instances or ids
+        instances : Instance, int or str, or a sequence of them
+            By handle, id or name.
             The tuple `Scene.instances` itself takes no time, nor does an array of ids.
 
         Raises
         ------
         SceneError
-            One is not an instance of this scene.
+            One is not an instance of this scene: the message names a few that are.
 
         Examples
         --------
         >>> import clbvh
         >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
-        >>> scene.instance_ids([scene.find("icosphere")])
-        array([0])
+        >>> scene.instance_ids("icosphere"), scene.instance_ids([scene.instances[0], 0])
+        (array([0]), array([0, 0]))
         """
         mine = self.instances
         if instances is mine:
             return np.arange(len(mine))
-        if isinstance(instances, Instance | int):
+        if isinstance(instances, Instance | int | np.integer | str):
             instances = (instances,)
         if isinstance(instances, np.ndarray) and instances.dtype.kind in "iu" and instances.ndim == 1:
             ids = instances
@@ -609,7 +615,9 @@ class Scene:
             raise SceneError(f"there is no instance {ids[wrong][0]}: the scene has {len(mine):,} (from 0)")
         return ids.astype(np.int64)
 
-    def _instance_id(self, instance: Instance | int) -> int:
+    def _instance_id(self, instance: Instance | int | str) -> int:
+        if isinstance(instance, str):
+            return self.find(instance).id
         if isinstance(instance, Integral) and not isinstance(instance, bool):
             return int(instance)
         if not isinstance(instance, Instance):
@@ -618,5 +626,32 @@ class Scene:
             raise SceneError(f"{instance!r} belongs to another scene")
         return instance.id
 
+    def _move(self, state: SceneState, instances: Instances, transforms: ArrayLike) -> SceneState:
+        """Return a state of this scene with other transforms of some instances; see `Tracer.set_transforms`."""
+        ids, given = self.instance_ids(instances), np.asarray(transforms)
+        matrices = check_transforms(given[None] if given.shape == (4, 4) else given)
+        if len(matrices) != len(ids):
+            raise SceneError(f"{len(ids):,} instances need as many transforms, not {len(matrices):,}")
+        return state.with_transforms(state.check_ids(ids), matrices)
+
     def __repr__(self) -> str:
-        return f"Scene(geometries={len(self._geometries):,}, instances={len(self._instances):,})"
+        geometries, instances = self._list_handles()
+        names: dict[int, list[str]] = {each.id: [] for each in geometries}
+        for each in instances:
+            names[each.geometry.id].append(each.name)
+        shown = [_show_object(each, names[each.id]) for each in geometries[:_MOST_SHOWN]]
+        if len(geometries) > _MOST_SHOWN:
+            shown.append(f"and {len(geometries) - _MOST_SHOWN:,} more")
+        return "\n  ".join((f"Scene(geometries={len(geometries):,}, instances={len(instances):,})", *shown))
+
+
+# Geometries that a scene shows, and the names of the instances of each.
+_MOST_SHOWN, _MOST_NAMES = 8, 3
+
+
+def _show_object(geometry: Geometry, names: list[str]) -> str:
+    """Return a geometry and the names of its instances, in a line for `repr`."""
+    count, kind = geometry.shape.prim_count, "sphere" if isinstance(geometry.shape, Spheres) else "triangle"
+    placed = f"placed as {', '.join(map(repr, names[:_MOST_NAMES]))}" if names else "not placed"
+    more = f" and {len(names) - _MOST_NAMES:,} more" if len(names) > _MOST_NAMES else ""
+    return f"{geometry.name!r}: {count:,} {kind}{'s'[: count - 1]}, {placed}{more}"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..errors import SceneError
 from ..geometry.appearance.material import Material
 from ..geometry.mesh import Mesh
 from ..geometry.spheres import Shape, with_material
@@ -83,6 +84,12 @@ class SceneState:
         counts = np.array([shape.prim_count for shape in self.shapes], np.int64)
         return int(counts[self.geometry_ids].sum())
 
+    def _describe(self) -> str:
+        """Return the counts of the objects, for a `repr`."""
+        if isinstance(self.lone_shape, Mesh):
+            return f"triangles={self.lone_shape.face_count:,}"
+        return f"instances={self.instance_count:,}, primitives={self.placed_prim_count:,}"
+
     def material_of(self, instance_id: int) -> Material | None:
         """Return the material that an instance has of its own.
 
@@ -106,6 +113,20 @@ class SceneState:
     def is_one_mesh(self) -> bool:
         """Whether `lone_shape` is a mesh. Other geometries may be there, if nothing places them."""
         return isinstance(self.lone_shape, Mesh)
+
+    def check_ids(self, instance_ids: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return ids of the scene; raise `SceneError` unless their instances were there at this moment.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import numpy as np
+        >>> clbvh.Scene(clbvh.make_shape("icosphere", triangles=320)).snapshot().check_ids(np.array([0]))
+        array([0])
+        """
+        if len(instance_ids) and (newest := int(instance_ids.max())) >= self.instance_count:
+            raise SceneError(f"instance {newest} was placed after the tracer or renderer was opened: open a new one")
+        return instance_ids
 
     def with_transforms(self, instance_ids: ArrayLike, transforms: ArrayLike) -> SceneState:
         """Return the state with other transforms of some instances: (k,) valid ids, (k, 4, 4) valid matrices.

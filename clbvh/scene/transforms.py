@@ -18,12 +18,12 @@ from ..errors import SceneError
 from ..geometry.arrays import has_masked_values
 from ..geometry.mesh import Mesh
 from ..support.compiled import compiled
-from .handles import Vector, read_vector
+from .handles import Vector, read_vector, shorten
 
 
 @dataclass(frozen=True)
 class Transform:
-    """A placement: scale, then rotation, then translation.
+    """A placement: scale, then rotation, then translation; or any affine map, by its rows.
 
     Attributes
     ----------
@@ -32,11 +32,15 @@ class Transform:
     rotate : (3,) float
         Degrees about x, then y, then z.
     translate : (3,) float, the scene's units
+    rows : (3, 4) or (4, 4) float, optional
+        Of the matrix itself, in place of the three above: a point x of the geometry is at ``rows[:, :3] @ x +
+        rows[:, 3]``. A fourth row is 0, 0, 0, 1. Kept as a tuple of three rows.
 
     Raises
     ------
     SceneError
-        A value is not finite, or the scale is zero.
+        A value is not finite, or the scale is zero; rows of another shape, of a singular matrix, or beside one of the
+        others.
 
     Examples
     --------
@@ -45,11 +49,14 @@ class Transform:
     >>> part = clbvh.Mesh.from_arrays([[0, 0, 0], [1000, 0, 0], [0, 0, 2000]], [[0, 1, 2]])
     >>> upright.apply(part).vertices.round(6).max(axis=0)
     array([1., 2., 0.])
+    >>> clbvh.Transform(rows=[[0, -1, 0, 5], [1, 0, 0, 0], [0, 0, 1, 0]]).matrix[:3, 3]
+    array([5., 0., 0.])
     """
 
     scale: float | Vector = 1.0
     rotate: Vector = (0.0, 0.0, 0.0)
     translate: Vector = (0.0, 0.0, 0.0)
+    rows: tuple[tuple[float, float, float, float], ...] | None = None
 
     def __post_init__(self) -> None:
         for name in ("rotate", "translate"):
@@ -62,6 +69,55 @@ class Transform:
         if not all(scale):
             raise SceneError(f"{expected}, not {self.scale!r}")
         object.__setattr__(self, "scale", scale[0] if is_number else scale)
+        if self.rows is not None:
+            rows = _as_numbers(self.rows, "the transform's rows")
+            matrix = check_transform(np.vstack((rows, np.eye(4)[3:])) if rows.shape == (3, 4) else rows)
+            if (self.scale, self.rotate, self.translate) != (1.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)):
+                raise SceneError("a transform has rows, or scale, rotate and translate, not both")
+            object.__setattr__(self, "rows", tuple(map(tuple, matrix[:3].tolist())))
+
+    @classmethod
+    def from_quaternion(
+        cls, quaternion: ArrayLike, translate: ArrayLike = (0.0, 0.0, 0.0), *, scale: float | Vector = 1.0
+    ) -> Transform:
+        """Return a placement whose rotation is a quaternion: scale, then rotation, then translation.
+
+        Parameters
+        ----------
+        quaternion : (4,) float
+            w, x, y, z, the real part first, of any length above 0: for length 1, a right-handed turn by ``2 acos(w)``
+            about (x, y, z). ROS and scipy have w last.
+        translate : (3,) float, the scene's units
+        scale : float, or (3,) float
+
+        Raises
+        ------
+        SceneError
+            A quaternion that is not four finite numbers, or is zero; and see `Transform`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Transform.from_quaternion((1, 0, 0, 1), (5, 0, 0)).matrix.round(6)  # a quarter turn about z
+        array([[ 0., -1.,  0.,  5.],
+               [ 1.,  0.,  0.,  0.],
+               [ 0.,  0.,  1.,  0.],
+               [ 0.,  0.,  0.,  1.]])
+        """
+        given = _as_numbers(quaternion, "the quaternion")
+        if given.shape != (4,) or not np.isfinite(given).all() or not given.any():
+            raise SceneError(
+                f"a quaternion must be four finite numbers w, x, y, z, not all 0, not {shorten(quaternion)}"
+            )
+        unit = given / np.abs(given).max()
+        w, x, y, z = (unit / np.linalg.norm(unit)).tolist()
+        rotation = np.array([
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ])  # fmt: skip
+        rest = cls(scale, translate=translate)  # type: ignore[arg-type]  # checked there
+        return cls(rows=np.column_stack((rotation * rest.scale, rest.translate)))  # type: ignore[arg-type]
 
     @np.errstate(over="ignore", invalid="ignore")  # coordinates that are not finite are refused by the mesh
     def apply(self, mesh: Mesh) -> Mesh:
@@ -76,8 +132,9 @@ class Transform:
         """
         if self == Transform():
             return mesh
-        points = mesh.vertices * self.scale @ self._rotation.T + np.asarray(self.translate)
-        appearance = None if mesh.appearance is None else mesh.appearance.transformed(self.matrix)
+        matrix = self.matrix
+        points = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        appearance = None if mesh.appearance is None else mesh.appearance.transformed(matrix)
         return Mesh.from_arrays(points, mesh.faces, name=mesh.name, appearance=appearance, parts=mesh.parts)
 
     @property
@@ -96,6 +153,8 @@ class Transform:
         matrix = np.eye(4)
         matrix[:3, :3] = self._rotation * self.scale
         matrix[:3, 3] = self.translate
+        if self.rows is not None:
+            matrix[:3] = self.rows
         return matrix
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:

@@ -6,8 +6,8 @@ How trees follow is in `world/changes.py`.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -17,10 +17,10 @@ from ..device.session import DeviceSession
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh, Shape, Spheres
 from ..layouts.device_mesh import move_mesh
-from ..scene.handles import Geometry, Instance
+from ..scene.handles import Geometry, Instances
 from ..support.context_manager import ContextManager
 from .launch import Call, Caster
-from .ranges import leave_out, try_devices
+from .ranges import leave_out, move_worlds
 from .world.changes import Changes
 from .world.world import World
 
@@ -83,21 +83,21 @@ class Moves(ContextManager):
             mesh = move_mesh(self.mesh, vertices, call.session)
             self._change(call, Changes.set_shape, 0, mesh)
 
-    def set_transforms(self, instances: Instance | int | Iterable[Instance | int], transforms: ArrayLike) -> None:
+    def set_transforms(self, instances: Instances, transforms: ArrayLike) -> None:
         """Move instances of a scene: only the tree over the instances is built anew.
 
         Parameters
         ----------
-        instances : Instance, int, or several
-            Those to move, as `Scene.place` returned them, or their ids. The others stay where they are.
-        transforms : (n, 4, 4) float
+        instances : Instance, int or str, or several
+            Those to move, by handle, id or name. The others stay where they are.
+        transforms : (n, 4, 4) float, or Transform
             From the coordinates of each instance's geometry to the scene's; (4, 4) for one.
 
         Raises
         ------
         SceneError
-            An instance of another scene, or one that was placed after the tracer was opened; a matrix that is not
-            finite, not affine, or singular; or an instance that is too small beside the scene.
+            No such instance, one of another scene, or one that was placed after the tracer was opened; a matrix that
+            is not finite, not affine, or singular; or an instance that is too small beside the scene.
         QueryError
             The tracer is closed.
         DeviceError
@@ -112,16 +112,15 @@ class Moves(ContextManager):
         --------
         >>> import clbvh
         >>> scene = clbvh.Scene()
-        >>> ball = scene.place(scene.add(clbvh.make_shape("icosphere", triangles=320)))
+        >>> ball = scene.place(scene.add(clbvh.make_shape("icosphere", triangles=320)), name="ball")
         >>> with clbvh.Tracer(scene) as tracer:
         ...     before = tracer.any_hit([[0, 0, 5]], [[0, 0, -1]])
-        ...     tracer.set_transforms(ball, [[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        ...     tracer.set_transforms("ball", clbvh.Transform(translate=(9, 0, 0)))
         ...     before, tracer.any_hit([[0, 0, 5], [9, 0, 5]], [[0, 0, -1], [0, 0, -1]])
         (array([ True]), array([False,  True]))
         """
-        with self._changing() as (call, _):
-            ids = self._changes.find_instances(instances)
-            self._change(call, Changes.set_transforms, ids, transforms)
+        with self._changing() as (call, world):
+            self._change(call, Changes.set_transforms, self._changes.move_state(world, instances, transforms))
 
     def set_vertices(self, geometry: Geometry, vertices: ArrayLike) -> None:
         """Move the vertices of a geometry of a scene: its tree is refitted, or built anew where that pays.
@@ -270,17 +269,12 @@ class Moves(ContextManager):
         change : function
             Called with the `Changes` of a device, its world, the arguments, and a session of this thread.
         """
-        before = self._caster
 
-        def move(device: Caster) -> tuple[Caster, World]:
-            with nullcontext(call) if device.session is call.caster.session else device.open_call() as own:
-                return device, change(self._changes_on[device.session], device.world, *arguments, own.session)
+        def move(device: Caster, session: DeviceSession) -> World:
+            return change(self._changes_on[device.session], device.world, *arguments, session)
 
-        moved, failed = try_devices(before.working, move)
-        lost = [each for each in before.all if each not in [device for device, _ in moved]]
-        first, *others = [device.at(world) for device, world in moved]
-        self._caster = first.beside([*others, *lost])
+        self._caster, moved, failed = move_worlds(self._caster, call, move)
         # Not earlier: after Ctrl-C the buffers of the world that stays would be written by the next change.
         for device, world in moved:
             self._changes_on[device.session].retire(device.world, world)
-        leave_out(self._caster, dict(failed))
+        leave_out(self._caster, failed)

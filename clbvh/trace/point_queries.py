@@ -6,14 +6,13 @@ How points are looked up is in `points/`.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
 from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ClbvhWarning, ConfigError, OpenMeshWarning
-from ..scene.handles import Geometry, Instance
+from ..scene.handles import Geometry, Instances
 from .launch import Caster
 from .moves import Moves
 from .points.ambient_occlusion import Hemispheres, check_sampling, find_open_shares
@@ -35,7 +34,7 @@ class PointQueries(Moves):
         *,
         mask: ArrayLike | None = None,
         geometry: Geometry | None = None,
-        instance: Instance | int | Iterable[Instance | int] | None = None,
+        instance: Instances | None = None,
         progress: Progress | None = None,
     ) -> ClosestPoints:
         """Return the closest point of the surface for each point.
@@ -48,8 +47,8 @@ class PointQueries(Moves):
             it, all.
         geometry : Geometry, optional
             Of the tracer's scene: only its instances are seen.
-        instance : Instance, id, or several of them, optional
-            Of the tracer's scene: only they are seen.
+        instance : Instance, int or str, or several, optional
+            Of the tracer's scene, by handle, id or name: only they are seen.
         progress : function, optional
             Called with the number of points that are done, and of all points, after each piece of the work.
 
@@ -106,7 +105,7 @@ class PointQueries(Moves):
         *,
         mask: ArrayLike | None = None,
         geometry: Geometry | None = None,
-        instance: Instance | int | Iterable[Instance | int] | None = None,
+        instance: Instances | None = None,
         progress: Progress | None = None,
     ) -> ClosestPoints:
         """Return the k nearest primitives of each point, nearest first, with the closest point of each.
@@ -161,7 +160,7 @@ class PointQueries(Moves):
         *,
         mask: ArrayLike | None = None,
         geometry: Geometry | None = None,
-        instance: Instance | int | Iterable[Instance | int] | None = None,
+        instance: Instances | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.bool_]:
         """Return (...,) bool: whether a closed mesh, or anything in a scene, contains each point.
@@ -194,7 +193,7 @@ class PointQueries(Moves):
         *,
         mask: ArrayLike | None = None,
         geometry: Geometry | None = None,
-        instance: Instance | int | Iterable[Instance | int] | None = None,
+        instance: Instances | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.float64]:
         """Return (...,) float64: the distance to the surface of a closed mesh, positive inside, negative outside.
@@ -310,7 +309,7 @@ class PointQueries(Moves):
         points: ArrayLike,
         mask: ArrayLike | None,
         geometry: Geometry | None,
-        instance: Instance | int | Iterable[Instance | int] | None,
+        instance: Instances | None,
     ) -> SeenPoints:
         """Return points with the instances that are visible to them."""
         chosen = None

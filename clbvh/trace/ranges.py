@@ -9,17 +9,20 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from functools import partial
 from queue import SimpleQueue
 from threading import Lock, Thread
 from typing import TypeVar
 
 from ..device.context import check_process
+from ..device.session import DeviceSession
 from ..errors import DeviceError, DeviceMemoryError, DeviceWarning, KernelBuildError, shorten_message
 from ..support.host_threads import side_by_side
 from .launch import Call, Caster
 from .rays.batch import RayBatch, Rays
 from .rays.pieces import Progress, find_rows
+from .world.world import World
 
 _Device = TypeVar("_Device")
 _Result = TypeVar("_Result")
@@ -268,3 +271,36 @@ def try_devices(
     if not found:
         raise failed[-1][1]
     return [found[index] for index in sorted(found)], failed
+
+
+def move_worlds(
+    before: Caster, call: Call, move: Callable[[Caster, DeviceSession], World]
+) -> tuple[Caster, list[tuple[Caster, World]], dict[Caster, Exception]]:
+    """Change the world of each device, side by side.
+
+    Parameters
+    ----------
+    before : Caster
+    call : Call
+        On the first device.
+    move : function
+        Returns the new world of a device; called with the device and a session for the calling thread.
+
+    Returns
+    -------
+    after : Caster
+        At the new worlds.
+    moved : list of (Caster, World)
+        The devices with their new worlds.
+    failed : dict of Caster to Exception
+        For `leave_out`, once queries see the new worlds.
+    """
+
+    def step(device: Caster) -> tuple[Caster, World]:
+        with nullcontext(call) if device.session is call.caster.session else device.open_call() as own:
+            return device, move(device, own.session)
+
+    moved, failed = try_devices(before.working, step)
+    lost = [each for each in before.all if each not in [device for device, _ in moved]]
+    first, *others = [device.at(world) for device, world in moved]
+    return first.beside([*others, *lost]), moved, dict(failed)

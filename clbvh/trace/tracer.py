@@ -107,7 +107,9 @@ class Tracer(RayQueries, PointQueries):
     >>> import clbvh
     >>> triangle = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]
     >>> with clbvh.Tracer(triangle) as tracer:
+    ...     print(tracer)
     ...     tracer.closest_hit([[0.25, 0.25, 2]], [[0, 0, -1]]).t
+    Tracer('mesh', triangles=1, device=..., layout=...)
     array([2.])
     """
 
@@ -250,7 +252,8 @@ class Tracer(RayQueries, PointQueries):
     def __repr__(self) -> str:
         mesh = self._caster.world.mesh
         name = "scene" if mesh is None else mesh.name
-        return f"Tracer({name!r}, device={self.device.name!r}, layout={self.layout!r})"
+        counts = self._caster.world.state._describe()
+        return f"Tracer({name!r}, {counts}, device={self.device.name!r}, layout={self.layout!r})"
 
 
 def _find_mesh(source: Bvh | MeshLike, device: DeviceInfo | str | int | None) -> Mesh:

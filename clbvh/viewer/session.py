@@ -177,15 +177,16 @@ class Session:
         View(width=size[0], height=size[1])  # raises for a size that no picture has
         with self._changed:
             self._ratio, is_first = size[0] / event["width"], self._size is None
-            if size != self._size:
-                self._size = size
-                self._touch()
+            self._size = size
+            self._touch()  # also where the size is the same: a notebook may show one widget twice
             if is_first:
                 self._sent = self._drawn = 0
                 self._thread = threading.Thread(target=self._run, name="clbvh-view", daemon=True)
                 self._thread.start()
+        self._greet()
         if is_first:
-            self._greet()
+            for note in self._renderer.list_notes(self._start):
+                self._note(note)
 
     def _greet(self) -> None:
         """Tell the page what it shows."""
@@ -200,8 +201,6 @@ class Session:
             "shadings": list(SHADINGS), "sides": list(STANDARD_VIEWS), "width": width, "height": height,
         })  # fmt: skip
         self._say_state()
-        for note in self._renderer.list_notes(self._start):
-            self._note(note)
 
     def _say_state(self) -> None:
         view = self._view

@@ -111,4 +111,4 @@ def test_closing_waits_for_pictures_of_other_threads():
         opened.close()
 
     run_in_threads(draw, draw, close)
-    assert opened._frames.caster.session._buffers == set()
+    assert opened._shown.frames.caster.session._buffers == set()

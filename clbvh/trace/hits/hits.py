@@ -57,7 +57,10 @@ class Hits:
     >>> with clbvh.Tracer(mesh) as tracer:
     ...     hits = tracer.closest_hit([[1, 2, 5], [3, 3, 5]], [[0, 0, -1], [0, 0, -1]])
     >>> hits
-    Hits(shape=(2,), hits=1)
+    Hits(shape=(2,), hits=1, t=5..5)
+      [0] t=5, prim_id=0, location=(1, 2, 0)
+    >>> hits[0], hits[1]
+    (Hits(t=5, prim_id=0, location=(1, 2, 0)), Hits(miss))
     >>> hits.is_hit, hits.t, hits.prim_id
     (array([ True, False]), array([ 5., inf]), array([ 0, -1], dtype=int32))
     >>> hits.u, hits.v
@@ -293,7 +296,7 @@ class Hits:
         back = hit.offset_points(points, locations, np.zeros(self.shape, np.bool_))
         return np.where(sides[..., None], front, back)
 
-    def take(self, rays: NDArray[np.int64]) -> Hits:
+    def take(self, rays: NDArray[np.int64] | int) -> Hits:
         """Return the hits of some rays, by their numbers in C order.
 
         Examples
@@ -306,6 +309,33 @@ class Hits:
         array([4.5])
         """
         return self._map(lambda values: values.reshape(-1)[rays])
+
+    def to_dict(self) -> dict[str, NDArray[Any]]:
+        """Return arrays of the leading shape by name, for a table: flat hits make a `pandas.DataFrame`.
+
+        Returns
+        -------
+        dict of str to array
+            t, u, v, prim_id, instance_id and geometry_id; is_front, and x, y and z of `locations`, where they are
+            known; of `AllHits` also ray_id.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> mesh = clbvh.Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]])
+        >>> with clbvh.Tracer(mesh) as tracer:
+        ...     table = tracer.closest_hit([[1, 2, 5], [3, 3, 5]], [0, 0, -1]).to_dict()
+        >>> list(table)
+        ['t', 'u', 'v', 'prim_id', 'instance_id', 'geometry_id', 'is_front', 'x', 'y', 'z']
+        >>> table["t"], table["y"]
+        (array([ 5., inf]), array([ 2., nan]))
+        """
+        table = {name: getattr(self, name) for name in ("t", "u", "v", "prim_id", "instance_id", "geometry_id")}
+        if self.is_front is not None:
+            table["is_front"] = self.is_front
+        if self.surface is not None:
+            table |= zip("xyz", np.moveaxis(self.locations, -1, 0), strict=True)
+        return table
 
     def __getitem__(self, index: Any) -> Hits:
         return self._map(lambda values: np.asarray(values[index]))
@@ -355,8 +385,49 @@ class Hits:
     def _points(self) -> SurfacePoints:
         return SurfacePoints(self.prim_id, self.instance_id, self.u, self.v)
 
+    def _show(self) -> str:
+        """Return the values of a single hit as text."""
+        known = {} if self.known_instance_id is None else {"instance_id": self.known_instance_id}
+        location = {} if self.surface is None else {"location": self.locations}
+        return show_values(t=self.t, prim_id=self.prim_id, **known, **location)
+
     def __repr__(self) -> str:
-        return f"Hits(shape={self.shape}, hits={self.count:,})"
+        if not self.shape:
+            return f"Hits({self._show() if self.is_hit else 'miss'})"
+        return show_found(
+            f"Hits(shape={self.shape}, hits={self.count:,}", "t", self.t, self.is_hit,
+            lambda row: f"{show_index(row, self.shape)} {self.take(row)._show()}",
+        )  # fmt: skip
+
+
+# Results that are shown of many.
+_MOST_SHOWN = 3
+
+
+def show_values(**values: Any) -> str:
+    """Return numbers and points by their names, to six digits, for a `repr`."""
+
+    def show(value: Any) -> str:
+        if np.ndim(value):
+            return f"({', '.join(map(show, value))})"
+        return f"{value:.6g}" if np.asarray(value).dtype.kind == "f" else str(value)
+
+    return ", ".join(f"{name}={show(value)}" for name, value in values.items())
+
+
+def show_index(row: int, shape: tuple[int, ...]) -> str:
+    """Return the index of a row in C order, as it is written behind an array."""
+    return f"[{', '.join(map(str, np.unravel_index(row, shape)))}]"
+
+
+def show_found(
+    title: str, measure: str, values: NDArray[np.floating], is_found: NDArray[np.bool_], show: Callable[[int], str]
+) -> str:
+    """Return many results as text: a title, the least and the greatest of the values found, and the first results."""
+    rows = np.flatnonzero(is_found)
+    found = values.reshape(-1)[rows]
+    limits = f", {measure}={found.min():.6g}..{found.max():.6g}" if len(rows) else ""
+    return f"{title}{limits})" + "".join(f"\n  {show(row)}" for row in rows[:_MOST_SHOWN])
 
 
 @dataclass(frozen=True, eq=False)
@@ -378,6 +449,11 @@ class AllHits(Hits):
     >>> import trimesh
     >>> with clbvh.Tracer(trimesh.creation.box()) as tracer:
     ...     hits = tracer.all_hits([[0.1, 0.2, 5], [3, 0, 5], [0.3, 0, 0]], [[0, 0, -1], [0, 0, -1], [1, 0, 0]])
+    >>> hits
+    AllHits(rays=3, hits=3, t=0.2..5.5)
+      ray 0: t=4.5, prim_id=..., location=(0.1, 0.2, 0.5)
+      ray 0: t=5.5, prim_id=..., location=(0.1, 0.2, -0.5)
+      ray 2: t=0.2, prim_id=..., location=(0.5, 0, 0)
     >>> hits.t, hits.ray_id
     (array([4.5, 5.5, 0.2]), array([0, 0, 2]))
     >>> hits.counts, hits.offsets
@@ -405,5 +481,20 @@ class AllHits(Hits):
         """(m,) int64: the ray of each hit."""
         return np.repeat(np.arange(len(self.offsets) - 1), self.counts)
 
+    def to_dict(self) -> dict[str, NDArray[Any]]:
+        """Return arrays of (m,) by name, for a table; see `Hits.to_dict`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.Tracer(clbvh.make_shape("icosphere", triangles=320)) as tracer:
+        ...     table = tracer.all_hits([[0.1, 0.2, 5], [0.3, 0, 0]], [[0, 0, -1], [1, 0, 0]]).to_dict()
+        >>> table["ray_id"], table["x"].round(1)
+        (array([0, 0, 1]), array([0.1, 0.1, 1. ]))
+        """
+        return {"ray_id": self.ray_id, **super().to_dict()}
+
     def __repr__(self) -> str:
-        return f"AllHits(rays={len(self.offsets) - 1:,}, hits={self.count:,})"
+        title = f"AllHits(rays={len(self.offsets) - 1:,}, hits={self.count:,}"
+        rays = self.ray_id[:_MOST_SHOWN]
+        return show_found(title, "t", self.t, self.is_hit, lambda row: f"ray {rays[row]}: {self.take(row)._show()}")

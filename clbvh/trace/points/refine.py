@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ...structs import HIT, NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
 from ...support.loop_functions import exponent_of, power_of_two, times_power_of_two
+from ..hits.hits import show_found, show_index, show_values
 from ..world.metrics import Metrics
 from ..world.surface_arrays import SurfaceArrays, place_point, place_vector
 from ..world.tree_box import TreeBox
@@ -37,7 +38,12 @@ class ClosestPoints(_Points):
     >>> import clbvh
     >>> mesh = clbvh.Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]])
     >>> with clbvh.Tracer(mesh) as tracer:
-    ...     distance, point, prim_id = tracer.closest_point([[1, 1, 3], [-3, -4, 0]])
+    ...     closest = tracer.closest_point([[1, 1, 3], [-3, -4, 0]])
+    >>> closest
+    ClosestPoints(shape=(2,), found=2, distance=3..5)
+      [0] distance=3, prim_id=0, instance_id=0, point=(1, 1, 0)
+      [1] distance=5, prim_id=0, instance_id=0, point=(0, 0, 0)
+    >>> distance, point, prim_id = closest
     >>> distance, point
     (array([3., 5.]), array([[1., 1., 0.],
            [0., 0., 0.]]))
@@ -70,7 +76,19 @@ class ClosestPoints(_Points):
         return np.minimum(self.prim_id, 0) if self._ids is None else self._ids[1]
 
     def __repr__(self) -> str:
-        return f"ClosestPoints(shape={self.prim_id.shape}, found={np.count_nonzero(self.prim_id != NO_PRIM):,})"
+        shape, is_found = self.prim_id.shape, self.prim_id != NO_PRIM
+        if not shape:
+            return f"ClosestPoints({self._show(()) if is_found else 'none'})"
+        return show_found(
+            f"ClosestPoints(shape={shape}, found={np.count_nonzero(is_found):,}", "distance", self.distance, is_found,
+            lambda row: f"{show_index(row, shape)} {self._show(np.unravel_index(row, shape))}",
+        )  # fmt: skip
+
+    def _show(self, index: Any) -> str:
+        instance = {} if self._ids is None else {"instance_id": self.instance_id[index]}
+        return show_values(
+            distance=self.distance[index], prim_id=self.prim_id[index], **instance, point=self.point[index]
+        )
 
 
 @compiled(error_model="numpy")

@@ -6,9 +6,8 @@ has changed nothing: it leaves an unreferenced world.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,10 +18,9 @@ from ...errors import SceneError
 from ...geometry import Mesh, Shape
 from ...layouts.device_arrays import has_shared_blocks
 from ...layouts.device_prims import DevicePrims
-from ...scene.handles import Geometry, Instance
+from ...scene.handles import Geometry, Instances
 from ...scene.scene import Scene
 from ...scene.state import SceneState
-from ...scene.transforms import check_transforms
 from .refit import Refit
 from .tree_box import TreeBox
 from .trees import DeviceTrees, NewTree, RetiredBuffers
@@ -72,33 +70,23 @@ class Changes:
         tree = self._tree if isinstance(self._tree, Bvh) else build_shape(built, self._tree, world.trees.session.info)
         return tree if built is mesh else tree.refit(cast(Mesh, mesh).vertices)
 
-    def choose_instances(
-        self, geometry: Geometry | None, instance: Instance | int | Iterable[Instance | int] | None
-    ) -> NDArray[np.int64]:
+    def choose_instances(self, geometry: Geometry | None, instance: Instances | None) -> NDArray[np.int64]:
         """Return the ids of the given instances of a geometry, or of either alone; see `Tracer.closest_point`."""
         if instance is None:
             chosen = np.arange(self._opened.instance_count)
         else:
-            chosen = self._scene.instance_ids([instance] if isinstance(instance, int | np.integer) else instance)
-            self._check_known(chosen)
+            chosen = self._opened.check_ids(self._scene.instance_ids(instance))
         if geometry is not None:
             chosen = chosen[self._opened.geometry_ids[chosen] == self._scene.geometry_id(geometry)]
         return chosen
 
-    def find_instances(self, instances: Any) -> NDArray[np.int64]:
-        """Return the ids of instances of the scene."""
-        return self._scene.instance_ids(instances)
+    def move_state(self, world: World, instances: Instances, transforms: ArrayLike) -> SceneState:
+        """Return the state of a world with other transforms; see `Tracer.set_transforms`."""
+        return self._scene._move(world.state, instances, transforms)
 
-    def set_transforms(
-        self, world: World, ids: NDArray[np.int64], matrices: ArrayLike, session: DeviceSession
-    ) -> World:
-        """Return a world with other transforms; see `Tracer.set_transforms`."""
-        given = np.asarray(matrices)
-        transforms = check_transforms(given[None] if given.shape == (4, 4) else given)
-        if len(transforms) != len(ids):
-            raise SceneError(f"{len(ids):,} instances need as many transforms, not {len(transforms):,}")
-        self._check_known(ids)
-        return world.with_transforms(world.state.with_transforms(ids, transforms), session)
+    def set_transforms(self, world: World, state: SceneState, session: DeviceSession) -> World:
+        """Return a world in a state of other transforms."""
+        return world.with_transforms(state, session)
 
     def find_shape(self, world: World, geometry: Geometry) -> tuple[int, Shape]:
         """Return the id of a geometry, and its shape as it is now."""
@@ -172,10 +160,3 @@ class Changes:
         if geometry_id == 0:
             self._tree = FAST_QUALITY
         return trees, new.box
-
-    def _check_known(self, instance_ids: NDArray[np.int64]) -> None:
-        """Raise unless the instances were there when the tracer was opened."""
-        if len(instance_ids) and instance_ids.max() >= self._opened.instance_count:
-            raise SceneError(
-                f"the instance {instance_ids.max()} was placed after the tracer was opened: open a new tracer"
-            )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from clbvh import Material, Mesh, MeshError, Part, Transform
+from clbvh import ConfigError, Material, Mesh, MeshError, Part, Transform, load_mesh
 from clbvh.geometry import mesh as mesh_module, topology
 from clbvh.geometry.spheres import with_material
 from clbvh.geometry.topology import find_equal_points, find_points
@@ -163,3 +163,35 @@ def test_parts_stay_where_faces_stay():
     moved = mesh.with_vertices(mesh.vertices * 2), with_material(mesh, Material("red")), Transform(scale=2).apply(mesh)
     for kept in (*moved, copy.deepcopy(mesh), pickle.loads(pickle.dumps(mesh))):
         assert kept.parts == PARTS
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-140, 1e140])
+def test_measures_are_those_of_formulas_in_any_unit(unit):
+    box = Mesh.from_arrays(trimesh.creation.box((2, 3, 4)).vertices * unit, trimesh.creation.box().faces)
+    np.testing.assert_allclose(box.bounds, np.array([[-1, -1.5, -2], [1, 1.5, 2]]) * unit)
+    assert box.area / unit / unit == pytest.approx(52)
+    np.testing.assert_allclose(box.face_normals, trimesh.creation.box((2, 3, 4)).face_normals, atol=1e-15)
+    flat = Mesh.from_arrays([*TRIANGLE, [2, 0, 0]], [[0, 1, 2], [0, 1, 3]])
+    assert (flat.face_normals.tolist(), flat.area) == ([[0, 0, 1], [0, 0, 0]], 0.5)
+
+
+@pytest.mark.parametrize(("suffix", "unit", "shift"), [(".ply", 1e-9, 7e6), (".OBJ", 1e-9, 7e6), (".stl", 1.0, 0.0)])
+def test_a_saved_mesh_is_loaded_as_it_was(tmp_path, suffix, unit, shift):
+    generator = np.random.default_rng(0)
+    vertices = generator.normal(size=(60, 3)).astype(np.float32) * unit + shift * generator.random((60, 3))
+    mesh = Mesh.from_arrays(vertices, np.arange(60).reshape(-1, 3))
+    mesh.save(tmp_path / f"mesh{suffix}")
+    loaded = load_mesh(tmp_path / f"mesh{suffix}")
+    assert loaded.vertices[loaded.faces].tobytes() == mesh.vertices[mesh.faces].tobytes()
+    if suffix == ".stl":  # others compute nothing of them
+        np.testing.assert_allclose(trimesh.load(tmp_path / "mesh.stl").face_normals, mesh.face_normals, atol=1e-6)
+    with pytest.raises(ConfigError, match=r"must end in \.obj, \.ply, \.stl"):
+        mesh.save(tmp_path / "mesh.gltf")
+
+
+def test_a_trimesh_has_arrays_of_its_own():
+    mesh = Mesh.from_arrays(BALL.vertices, BALL.faces)
+    copied = mesh.to_trimesh()
+    assert (copied.triangles == mesh.vertices[mesh.faces]).all()
+    copied.vertices[:] = 0
+    assert mesh.vertices.any()

@@ -288,8 +288,8 @@ def test_odd_images_are_written():
 
 def test_ids_have_sixteen_bits_or_three_bytes_or_leave_no_file(tmp_path):
     def save(*ids):
-        make_images({"primitive_id": np.array([ids], np.int32)}).save(tmp_path / "out.ppm")
-        return read_pixels(tmp_path / "out-primitive_id.ppm")
+        make_images({"prim_id": np.array([ids], np.int32)}).save(tmp_path / "out.ppm")
+        return read_pixels(tmp_path / "out-prim_id.ppm")
 
     with pytest.raises(ConfigError, match=r"up to 16,777,214, and here it goes to 16,777,215: write \.exr"):
         save(2**24 - 1)
@@ -297,7 +297,7 @@ def test_ids_have_sixteen_bits_or_three_bytes_or_leave_no_file(tmp_path):
     assert save(65533, -1).tolist() == [[65534, 0]]
     ids = (65535, -1, 0, 2**24 - 2, 70000)
     pixels = save(*ids)
-    note = json.loads((tmp_path / "out.json").read_text())["channels"]["primitive_id"]
+    note = json.loads((tmp_path / "out.json").read_text())["channels"]["prim_id"]
     assert (note["pixel"], pixels.dtype) == ("R + 256 G + 65536 B", np.uint8)
     assert (pixels @ [1, 256, 65536] / note["scale"] + note["offset"]).tolist() == [list(ids)]
 

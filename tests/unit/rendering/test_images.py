@@ -27,7 +27,7 @@ CHANNELS = {
     "depth": (0, np.float32, np.inf), "range": (0, np.float32, np.inf), "normal": (3, np.float32, 0),
     "normal_camera": (3, np.float32, 0), "shading_normal": (3, np.float32, 0),
     "shading_normal_camera": (3, np.float32, 0), "position": (3, np.float64, np.nan),
-    "instance_id": (0, np.int32, -1), "geometry_id": (0, np.int32, -1), "primitive_id": (0, np.int32, -1),
+    "instance_id": (0, np.int32, -1), "geometry_id": (0, np.int32, -1), "prim_id": (0, np.int32, -1),
     "barycentric": (2, np.float32, np.nan), "uv": (2, np.float32, np.nan), "motion": (2, np.float32, np.nan),
 }  # fmt: skip
 
@@ -97,8 +97,8 @@ def test_ids_distances_and_positions(images):
     assert all(((instance == INSTANCE).sum() > 20) for instance in (-1, 0, 1, 2))
     assert (images["instance_id"] == INSTANCE).all()
     assert (images["geometry_id"] == np.array([0, 0, 1, -1])[INSTANCE]).all()
-    assert (images["primitive_id"][(INSTANCE == 0) | (INSTANCE == 1)] == 1).all()
-    assert set(images["primitive_id"][INSTANCE == 2]) == {0, 1}
+    assert (images["prim_id"][(INSTANCE == 0) | (INSTANCE == 1)] == 1).all()
+    assert set(images["prim_id"][INSTANCE == 2]) == {0, 1}
     np.testing.assert_allclose(images["range"], T, rtol=2e-6)
     np.testing.assert_allclose(images["depth"], T * (DIRECTIONS @ POSE[:3, 2]), rtol=2e-6)
     expected = (EYE + np.where(IS_HIT, T, 0)[..., None] * DIRECTIONS)[IS_HIT]

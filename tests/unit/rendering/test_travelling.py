@@ -117,9 +117,15 @@ def test_renderers_are_opened_once_and_end_alone(session, world):
     with Renderer(world, view, clbvh.RenderOptions(layout="bvh2")) as renderer:
         expected = renderer.render().rgb
         first, second = send(renderer), copy.deepcopy(renderer)
-    assert first._frames.caster.world is second._frames.caster.world
+    assert first._shown.frames.caster.world is second._shown.frames.caster.world
     assert (first.layout, first.view) == ("bvh2", view)
     assert (first.render().rgb == expected).all()
+    # Each moves alone, and travels as it is.
+    first.set_transforms(0, Transform(scale=0.5))
+    moved = first.render().rgb
+    assert (send(first).render().rgb == moved).all()
+    assert (second.render().rgb == expected).all()
+    assert (moved != expected).any()
     first.close()
     assert (second.render().rgb == expected).all()
 

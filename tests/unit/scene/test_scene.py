@@ -203,13 +203,18 @@ def test_handles_become_ids(scene):
         ((b, 0, np.int32(2)), [1, 0, 2]),
         (np.array([2, 1], np.uint8), [2, 1]),
         ([], []),
+        (b.name, [1]),
+        ([c.name, 0, np.str_(b.name)], [2, 0, 1]),
     ):
         found = scene.instance_ids(given)
         assert (found.tolist(), found.dtype) == (ids, np.int64)
     for wrong in (-1, 3, 2**70):
         with pytest.raises(SceneError, match=r"there is no instance -?\d+: the scene has 3"):
             scene.instance_ids([0, wrong])
-    for wrong in ("first", [None], [True], [1.0], True, 5.0, None, np.eye(2), scene.geometries[:1]):
+    for wrong in ("nobody", [0, "nobody"]):
+        with pytest.raises(SceneError, match=r"the scene has no instance 'nobody'; it has 'first', "):
+            scene.instance_ids(wrong)
+    for wrong in ([None], [True], [1.0], True, 5.0, None, np.eye(2), scene.geometries[:1]):
         with pytest.raises(SceneError, match=r"expected (an instance|instances) that Scene\.place returned"):
             scene.instance_ids(wrong)
     with pytest.raises(SceneError, match=r"Instance\(0, 'icosphere', .* belongs to another scene"):

@@ -1,7 +1,10 @@
 """Transforms: scaled, rotated about x, y and z, then moved; and the matrices that instances may have."""
 
+import pickle
+
 import numpy as np
 import pytest
+from trimesh.transformations import quaternion_matrix, translation_matrix
 
 from clbvh import Mesh, SceneError, Transform
 from clbvh.scene.transforms import check_transform, check_transforms
@@ -98,3 +101,34 @@ def test_the_first_fault_of_many_is_named():
         check_transforms(matrices, lambda index: f"wheel {'abcde'[index]}")
     with pytest.raises(SceneError, match=r"shape \(n, 4, 4\)"):
         check_transforms(np.eye(4))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_quaternion_of_any_length_has_its_real_part_first(seed):
+    generator = np.random.default_rng(seed)
+    quaternion, place, scale = generator.normal(size=4), generator.normal(size=3), (2, 3, 0.5)
+    expected = translation_matrix(place) @ quaternion_matrix(quaternion) @ np.diag([*scale, 1])
+    for length in (1.0, -1e200, 1e-200):
+        found = Transform.from_quaternion(quaternion * length, place, scale=scale)
+        np.testing.assert_allclose(found.matrix, expected, atol=1e-14)
+
+
+def test_rows_are_taken_as_they_are():
+    rows = [[-1, 0.5, 0, 1e7], [0, 1, 0, 2], [0, 0, 3, 3]]
+    short, square = Transform(rows=rows), Transform(rows=[*rows, [0, 0, 0, 1]])
+    assert short == square == pickle.loads(pickle.dumps(short))
+    assert (hash(short), short.matrix.tolist()) == (hash(square), [*rows, [0, 0, 0, 1]])
+    assert short.apply(TRIANGLE).vertices.tolist() == [[1e7 - 1, 2, 3], [1e7 + 0.5, 3, 3], [1e7, 2, 6]]
+
+
+def test_wrong_rows_and_quaternions_are_refused():
+    rows = np.eye(4)[:3]
+    for make, words in (
+        (lambda: Transform(rows=rows, scale=2), "not both"),
+        (lambda: Transform(rows=np.eye(3)), r"shape \(4, 4\)"),
+        (lambda: Transform(rows=rows * [1, 1, 0, 1]), "singular"),
+        (lambda: Transform.from_quaternion((0, 0, 0, 0)), "a quaternion must be four"),
+        (lambda: Transform.from_quaternion((1, 0, 0, 0), scale=0), "scale must be"),
+    ):
+        with pytest.raises(SceneError, match=words):
+            make()

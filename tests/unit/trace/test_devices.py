@@ -256,7 +256,7 @@ def test_pictures_have_the_bytes_of_one_device(open_both, halves, world, monkeyp
         assert (found.rgb.tobytes(), found.hits.t.tobytes()) == (expected.rgb.tobytes(), expected.hits.t.tobytes())
         assert found.samples == expected.samples
         assert done == sorted({(count, 64 * 50 * found.samples) for count, _ in done})
-        lost = renderer._frames.caster.all[1].session.context
+        lost = renderer._shown.frames.caster.all[1].session.context
         fail_on(monkeypatch, lost, DeviceError("gone"), waits=True, of=(DeviceSession, "run"))
         with pytest.warns(DeviceWarning):
             assert renderer.render(**view).rgb.tobytes() == expected.rgb.tobytes()
