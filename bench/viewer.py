@@ -1,10 +1,12 @@
-"""The live viewer in headless Chromium at 960 x 540: ``python bench/viewer.py MESH [SECONDS]`` of each drag.
+"""The live viewer in headless Chromium at 960 x 540: ``python bench/viewer.py MESH [--seconds 10]`` of each drag.
 
 Prints the time of the first picture after the command, the frames per second of an orbit, and the time from a move of
 the mouse to the picture that shows it: a clicked point stays under the cursor while it pans, so that the place of its
-mark tells which move a picture shows. Needs playwright, and Chromium in the path.
+mark tells which move a picture shows. With ``--picture FILE`` it only takes a picture of the page, after two clicks. Needs
+playwright, and Chromium in the path.
 """
 
+import argparse
 import shutil
 import subprocess
 import sys
@@ -91,16 +93,34 @@ def measure(page, server, begin, seconds):
     print(f"pan: a move is seen after {p50:.0f} ms (median), {p95:.0f} ms (95 %), of {len(latency)} moves")
 
 
+def photograph(page, server, file):
+    """Click two points, and save what is seen."""
+    page.goto(server.stdout.readline().strip())
+    page.wait_for_selector(SETTLED, timeout=PATIENCE_MS)
+    for x, y in ((0.46, 0.55), (0.69, 0.62)):
+        page.mouse.click(WIDTH * x, HEIGHT * y)
+    page.wait_for_selector("th:text('measured')")
+    page.screenshot(path=file)
+
+
 def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("mesh")
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--picture")
+    given = parser.parse_args()
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=ARGUMENTS)
         page = browser.new_page(viewport={"width": WIDTH + PANEL_PX, "height": HEIGHT})
         page.add_init_script(WATCH)
-        command = [sys.executable, "-m", "clbvh", "view", sys.argv[1], "--no-browser"]
+        command = [sys.executable, "-m", "clbvh", "view", given.mesh, "--no-browser"]
         begin = time.perf_counter()
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
             try:
-                measure(page, server, begin, float(sys.argv[2]) if len(sys.argv) > 2 else 10.0)
+                if given.picture:
+                    photograph(page, server, given.picture)
+                else:
+                    measure(page, server, begin, given.seconds)
             finally:
                 server.terminate()
         browser.close()

@@ -92,6 +92,9 @@ def _cast(source: clbvh.Scene | clbvh.Mesh, device: clbvh.DeviceInfo, dtype: str
             tracer.contains(origins)
             tracer.signed_distance(origins)
             tracer.ambient_occlusion(origins, directions, rays=1)
+        if isinstance(source, clbvh.Scene) and len(source.geometries) > 1:
+            tracer.closest_pair(0, 1)
+            tracer.collisions([0, 1])
         # From one point, in any order and row by row.
         tracer.closest_hit(np.zeros(3, dtype), directions)
         tracer.closest_hit(np.zeros(3, dtype), np.sort(directions, axis=0))

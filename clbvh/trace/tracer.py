@@ -1,7 +1,8 @@
 """The public class for ray and point queries: how a source becomes a scene on a device, and how it is closed.
 
-Its queries are in `ray_queries` and `point_queries`, its changes in `moves`. A tracer that was pickled is opened once
-in each process where it arrives; what is handed out there are tracers of that one's world, with changes of their own.
+Its queries are in `ray_queries`, `point_queries` and `pair_queries`, its changes in `moves`. A tracer that was pickled
+is opened once in each process where it arrives; what is handed out there are tracers of that one's world, with changes
+of their own.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from ..layouts.device_mesh import open_session, take_mesh
 from ..scene.scene import Scene
 from ..scene.state import SceneState
 from ..support.opened import digest_of, open_once
+from .clearance.walk import HostTrees
 from .launch import Caster
+from .pair_queries import PairQueries
 from .point_queries import PointQueries
 from .ranges import try_devices, warn_of_failure
 from .ray_queries import RayQueries
@@ -67,7 +70,7 @@ class Opening(NamedTuple):
     ref: Any = None
 
 
-class Tracer(RayQueries, PointQueries):
+class Tracer(RayQueries, PointQueries, PairQueries):
     """Casts rays at one mesh or scene on one device, or on several; a context manager.
 
     Any number of threads may use one tracer. A child that was forked cannot: its queries raise `DeviceError`, and
@@ -156,6 +159,7 @@ class Tracer(RayQueries, PointQueries):
         self._caster, self._opening = caster, opening
         self._changes_on = {each.session: Changes(opening.scene, opening.state, tree) for each in caster.all}
         self._updating = threading.Lock()
+        self._host_trees = HostTrees()
 
     @property
     def device(self) -> DeviceInfo:

@@ -159,6 +159,11 @@ class Session:
         except (ClbvhError, KeyError, TypeError, ValueError) as error:
             self._note(str(error), is_error=True)
 
+    def refresh(self) -> None:
+        """Render again what has changed in the renderer."""
+        with self._changed:
+            self._touch()
+
     def close(self) -> None:
         """End the thread, and what it is rendering. A page that comes back starts another one."""
         with self._changed:

@@ -50,6 +50,10 @@ class ViewWidget(anywidget.AnyWidget):
     def _carry(self, message: dict[str, Any], content: bytes = b"") -> None:
         self.send(message, [content] if content else None)
 
+    def refresh(self) -> None:
+        """Show the scene as it is now, after `Renderer.set_transforms`."""
+        self._session.refresh()
+
     def close(self) -> None:
         """End the live picture; the renderer stays open."""
         self._session.close()

@@ -166,10 +166,10 @@ def test_studio_looks_as_it_did_whatever_the_bands_and_launches(compare_with_ref
     assert (other != wholes[1]).any()
     assert abs(other.mean() - wholes[1].mean()) < 0.3
     # Two samples in each launch, and 7 rows in each band.
-    monkeypatch.setattr(painters, "_LAUNCH_S", 0.0)
     monkeypatch.setattr(painters, "BAND_PIXELS", VIEW.width * 7)
-    for row, whole in zip(rows, wholes, strict=True):
-        assert np.array_equal(clbvh.render(KNOT, VIEW, **row).rgb, whole)
+    with Renderer(KNOT, VIEW) as renderer:
+        for row, whole in zip(rows, wholes, strict=True):
+            assert np.array_equal(renderer.render(launch_s=0.0, **row).rgb, whole)
 
 
 def test_ambient_occlusion_looks_as_it_did_and_is_white_in_the_open_and_black_in_a_box(compare_with_reference):
@@ -193,11 +193,10 @@ def test_a_picture_that_is_stopped_has_the_samples_that_were_taken(monkeypatch):
         assert np.array_equal(stopped.rgb, whole.rgb)
         assert np.array_equal(stopped.film, whole.film)
     monkeypatch.setattr(painters, "BAND_PIXELS", VIEW.width * 7)
-    monkeypatch.setattr(painters, "_LAUNCH_S", 0.0)
     launches = itertools.count(1)
     with Renderer(KNOT, VIEW) as renderer:
         # Of a picture in bands they are those of the poorest, wherever that is.
-        assert renderer.render(samples=8, is_stopped=lambda: next(launches) in (6, 7)).samples == 2
+        assert renderer.render(samples=8, launch_s=0.0, is_stopped=lambda: next(launches) in (6, 7)).samples == 2
         # Bands have shares of the time; each launch reads the clock twice.
         now = itertools.count()
         monkeypatch.setattr(painters, "time", SimpleNamespace(perf_counter=lambda: float(next(now))))

@@ -144,3 +144,14 @@ def test_camera_images_agree_with_their_intrinsics(run, tmp_path):
     # Towards the camera, whose z points away from it.
     assert (normals[ids > 0, 2] <= 128).all()
     assert json.loads((tmp_path / "camera-images" / "camera.json").read_text())["K"][0][2] == pytest.approx(331.5 / 4)
+
+
+def test_robot_arm_keeps_clear_of_the_knot(run, tmp_path):
+    text = run("robot_arm", "--steps", "30", "--width", "96")
+    distance = float(re.search(r"([\d.]+) mm from link 4 to the knot", text)[1])
+    assert distance == pytest.approx(100, abs=5)
+    assert "neighbours: 0;" in text
+    picture = imageio.imread(tmp_path / "robot-arm.png").astype(int)
+    yellow = (picture[..., 0] > 150) & (picture[..., 1] > 110) & (picture[..., 2] < 60)
+    assert picture.shape == (54, 96, 3)
+    assert yellow.any()

@@ -30,6 +30,7 @@ EXAMPLES = {
     "distance_grid": ["bunny.ply", "--cells", "48"],
     "inside_test": ["bunny.ply"],
     "lidar_scan": ["bunny.ply", "--steps", "100"],
+    "robot_arm": ["--steps", "3", "--width", "96"],
     "sky_view": ["bunny.ply", "--width", "60", "--rays", "32"],
     "turntable": ["bunny.ply", "--frames", "2", "--sheet", "sheet.png"],
 }

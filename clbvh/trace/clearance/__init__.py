@@ -1,0 +1,1 @@
+"""Distance and collision of instances: pairs of triangles, found by two trees."""
