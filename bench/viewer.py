@@ -2,8 +2,8 @@
 
 Prints the time of the first picture after the command, the frames per second of an orbit, and the time from a move of
 the mouse to the picture that shows it: a clicked point stays under the cursor while it pans, so that the place of its
-mark tells which move a picture shows. With ``--picture FILE`` it only takes a picture of the page, after two clicks. Needs
-playwright, and Chromium in the path.
+mark tells which move a picture shows. With ``--picture FILE`` it only takes a picture of the page, after two clicks.
+Needs playwright, and Chromium in the path.
 """
 
 import argparse

@@ -13,13 +13,11 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import MeshError, shorten_message
-from .loading.file_mesh import cut_fans, finish_looks, join_channels, spread_colours
+from ..errors import MeshError
+from .loading.file_mesh import Problems, cut_fans, finish_looks, join_channels, spread_colours
 from .loading.load import load_mesh
-from .loading.trimesh import HasGraph, HasTriangles, join_graph, mesh_of_object, read_graph
+from .loading.trimesh import HasGraph, HasTriangles, describe, join_graph, mesh_of_object, read_graph, reading
 from .mesh import Mesh
-
-_MAX_SHOWN = 60  # characters of a wrong value in a message
 
 
 @runtime_checkable
@@ -71,26 +69,21 @@ def as_mesh(thing: MeshLike, *, or_else: str = "") -> Mesh:
             return join_graph(read_graph(thing))
         if isinstance(thing, HasTriangles):
             return mesh_of_object(thing, name)
-        try:
-            arrays = _read_arrays(thing)
-        except MeshError as error:
-            raise MeshError(f"{name}: {error}") from error
-        except Exception as error:  # other libraries raise anything for an object that is empty
-            detail = shorten_message(f"{type(error).__name__}: {error}")
-            raise MeshError(f"{_describe(thing)} has no triangles that can be read ({detail})") from error
+        with reading(thing):
+            arrays = _read_arrays(thing, name)
         if arrays is not None:
             return _with_colours(Mesh.from_arrays(*arrays[:2], name=name), *arrays[2:])
     raise MeshError(
         f"expected {or_else}{', ' if or_else else ''}a clbvh.Mesh, a mesh of trimesh, pyvista, Open3D or meshio, the "
-        f"path of a mesh file, or a pair (vertices, faces), not {_describe(thing)}"
+        f"path of a mesh file, or a pair (vertices, faces), not {describe(thing)}"
     )
 
 
-def _read_arrays(thing: Any) -> tuple[Any, ...] | None:
+def _read_arrays(thing: Any, name: str) -> tuple[Any, ...] | None:
     """Return vertices and triangles of an object, and perhaps colours of vertices; None if it has no known kind."""
 
     def has(*names: str) -> bool:
-        return all(hasattr(thing, name) for name in names)
+        return all(hasattr(thing, each) for each in names)
 
     if has("points", "faces"):  # pyvista.PolyData
         return _read_polygons(thing)
@@ -101,7 +94,7 @@ def _read_arrays(thing: Any) -> tuple[Any, ...] | None:
             surface = thing.extract_surface()
         return _read_polygons(surface)
     if has("points", "cells"):  # meshio.Mesh
-        return thing.points, _cut_cells(thing.cells)
+        return thing.points, _cut_cells(thing.cells, name)
     if has("vertices", "triangles"):  # open3d.geometry.TriangleMesh
         return np.asarray(thing.vertices), np.asarray(thing.triangles), np.asarray(getattr(thing, "vertex_colors", ()))
     if has("vertex", "triangle"):  # open3d.t.geometry.TriangleMesh
@@ -119,7 +112,7 @@ def _read_polygons(thing: Any) -> tuple[Any, NDArray[np.integer]]:
     return thing.points, faces.reshape(-1, 4)[:, 1:]
 
 
-def _cut_cells(blocks: Iterable[Any]) -> NDArray[np.integer]:
+def _cut_cells(blocks: Iterable[Any], name: str) -> NDArray[np.integer]:
     """Return the triangles of blocks of cells, in their order; lines, points and volumes have none."""
     faces: list[NDArray[np.integer]] = []
     kinds = []
@@ -129,25 +122,19 @@ def _cut_cells(blocks: Iterable[Any]) -> NDArray[np.integer]:
             corners = np.asarray(block.data)
             faces.append(cut_fans(corners.ravel(), np.full(len(corners), corners.shape[1])))
         elif block.dim == 2:
-            raise MeshError(f"cells of the type {block.type} are not read: triangle, quad and polygon are")
+            raise MeshError(f"{name}: cells of the type {block.type} are not read: triangle, quad and polygon are")
     if not faces:
-        raise MeshError(f"there are no triangle, quad or polygon cells among these: {', '.join(kinds) or 'none'}")
+        among = ", ".join(kinds) or "none"
+        raise MeshError(f"{name}: there are no triangle, quad or polygon cells among these: {among}")
     return np.concatenate(faces)
 
 
 def _with_colours(mesh: Mesh, colours: Any = ()) -> Mesh:
-    """Return a mesh with sRGB colours of its vertices, (V, 3) float from 0 to 1, if there are any."""
-    if not len(colours):
-        return mesh
-    spread = spread_colours(join_channels(list(np.transpose(colours)), colours.dtype), mesh.faces)
-    return dataclasses.replace(mesh, appearance=finish_looks({"colours": spread}, []))
-
-
-def _describe(thing: object) -> str:
-    """Return the type of a wrong value, with the value where it is short."""
-    kind = type(thing)
-    if kind.__module__ != "builtins":
-        name = f"{kind.__module__.partition('.')[0]}.{kind.__qualname__}"
-        return f"{'an' if name[0] in 'aeio' else 'a'} {name}"
-    text = repr(thing)
-    return f"{kind.__qualname__} {text}" if len(text) <= _MAX_SHOWN else f"a {kind.__qualname__}"
+    """Return a mesh with sRGB colours of its vertices, (V, 3) float from 0 to 1, if there are any that can be used."""
+    problems = Problems()
+    with problems.drop("the colours"):
+        if len(colours):
+            spread = spread_colours(join_channels(list(np.transpose(colours)), colours.dtype), mesh.faces)
+            mesh = dataclasses.replace(mesh, appearance=finish_looks({"colours": spread}, []))
+    problems.warn(mesh.name)
+    return mesh

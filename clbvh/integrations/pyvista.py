@@ -66,7 +66,7 @@ def multi_ray_trace(
     >>> points, rays, cells
     (array([[0.25, 0.5 , 0.  ]]), array([1]), array([0]))
     """
-    if not (hasattr(mesh, "points") and hasattr(mesh, "faces")):
+    if not all(hasattr(mesh, name) for name in ("points", "faces", "is_all_triangles")):
         raise MeshError(f"expected a pyvista.PolyData, not a {type(mesh).__name__}: take its surface first")
     arrays = [np.asarray(getattr(mesh, name, ())) for name in ("points", "faces", "strips", "verts", "lines")]
     engine, cell_ids = open_once(digest_of(arrays), lambda: _open(mesh))

@@ -466,6 +466,10 @@ class Renderer(ContextManager):
         twin._shown = _Shown(built, finder, FrameRenderer(*first, others), own)
         return twin
 
+    def _repr_png_(self) -> bytes:
+        """Return the picture of the renderer's view, for notebooks."""
+        return self.render()._repr_png_()
+
     def __repr__(self) -> str:
         built = self._shown.built
         counts = built.state._describe()

@@ -337,7 +337,7 @@ class Scene:
 
     def place(
         self,
-        geometry: Geometry,
+        geometry: Geometry | str,
         transform: ArrayLike | None = None,
         *,
         name: str | None = None,
@@ -349,8 +349,8 @@ class Scene:
 
         Parameters
         ----------
-        geometry : Geometry
-            Of this scene.
+        geometry : Geometry or str
+            Of this scene, by its handle or name.
         transform : (4, 4) float, or Transform, optional
             From the geometry's coordinates to the scene's: rotation, scale of any kind, shear, mirror, translation.
             The identity if left out.
@@ -392,7 +392,7 @@ class Scene:
 
     def place_many(
         self,
-        geometry: Geometry,
+        geometry: Geometry | str,
         transforms: ArrayLike,
         *,
         names: Sequence[str] | None = None,
@@ -404,8 +404,8 @@ class Scene:
 
         Parameters
         ----------
-        geometry : Geometry
-            Of this scene.
+        geometry : Geometry or str
+            Of this scene, by its handle or name.
         transforms : (n, 4, 4) float
         names : sequence of str, optional
             One for each.
@@ -435,6 +435,7 @@ class Scene:
         >>> [instance.name for instance in scene.place_many(ball, row)]
         ['ball', 'ball 2', 'ball 3']
         """
+        geometry = self.find_geometry(geometry) if isinstance(geometry, str) else geometry
         self.geometry_id(geometry)
         matrices = check_transforms(transforms)
         if isinstance(names, str) or (names is not None and len(names) != len(matrices)):
@@ -559,8 +560,8 @@ class Scene:
                 )
             return self._snapshot
 
-    def geometry_id(self, geometry: Geometry) -> int:
-        """Return the id of a geometry; raise `SceneError` unless it is one of this scene.
+    def geometry_id(self, geometry: Geometry | str) -> int:
+        """Return the id of a geometry, given by its handle or name; raise `SceneError` if it is not of this scene.
 
         Examples
         --------
@@ -570,8 +571,10 @@ class Scene:
         Traceback (most recent call last):
         clbvh.errors.SceneError: Geometry(0, 'icosphere', ...) belongs to another scene: add its shape to this one
         """
+        if isinstance(geometry, str):
+            return self.find_geometry(geometry).id
         if not isinstance(geometry, Geometry):
-            raise SceneError(f"expected a geometry that Scene.add returned, not {shorten(geometry)}")
+            raise SceneError(f"expected a geometry that Scene.add returned, or its name, not {shorten(geometry)}")
         if geometry.owner is not self._owner:
             raise SceneError(f"{geometry!r} belongs to another scene: add its shape to this one")
         return geometry.id

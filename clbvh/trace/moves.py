@@ -122,12 +122,12 @@ class Moves(ContextManager):
         with self._changing() as (call, world):
             self._change(call, Changes.set_transforms, self._changes.move_state(world, instances, transforms))
 
-    def set_vertices(self, geometry: Geometry, vertices: ArrayLike) -> None:
+    def set_vertices(self, geometry: Geometry | str, vertices: ArrayLike) -> None:
         """Move the vertices of a geometry of a scene: its tree is refitted, or built anew where that pays.
 
         Parameters
         ----------
-        geometry : Geometry
+        geometry : Geometry or str
             As `Scene.add` returned it.
         vertices : (V, 3) float, the geometry's coordinates
             The same number as before; of spheres, their centres, see also `set_spheres`.
@@ -205,12 +205,12 @@ class Moves(ContextManager):
         """
         return 1.0 if self._caster.world.mesh is None else self._changes.sah_growth(0)
 
-    def set_spheres(self, geometry: Geometry, centres: ArrayLike, radii: ArrayLike | None = None) -> None:
+    def set_spheres(self, geometry: Geometry | str, centres: ArrayLike, radii: ArrayLike | None = None) -> None:
         """Move the spheres of a geometry of a scene: their tree is refitted, or built anew where that pays.
 
         Parameters
         ----------
-        geometry : Geometry
+        geometry : Geometry or str
             As `Scene.add` returned it.
         centres : (n, 3) float, the geometry's coordinates
             As many as before.

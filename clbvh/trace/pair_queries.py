@@ -6,6 +6,7 @@ How the nearest triangles are found is in `clearance/`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -14,13 +15,15 @@ from numpy.typing import NDArray
 from ..errors import ConfigError, QueryError
 from ..scene.handles import Instances
 from ..structs import NO_PRIM
+from ..support.host_threads import cut_range
 from .clearance.triangles import TOUCH, measure_exactly
-from .clearance.walk import HostTrees, PairSearch, check_meshes, find_overlaps, place_pair
+from .clearance.walk import PAIR_BYTES, HostTrees, PairSearch, check_meshes, find_overlaps, place_pair
 from .moves import Moves
+from .rays.batch import check_room
 from .world.top_tree import find_boxes
 
-# Least pairs of instances whose boxes overlap that are worth a thread.
-_LEAST_PAIRS = 16
+# Pairs of instances whose boxes overlap that a thread tests at a time; after Ctrl-C it tests no more of them.
+_PAIRS = 32
 
 # No instances are that far apart in the unit of a search; and squared limits have room for rounding.
 _FAR, _ROOM = 2.0**500, 1.0 + 2.0**-50
@@ -95,7 +98,7 @@ class PairQueries(Moves):
         QueryError
             There are not two different instances, one is of spheres, or the tracer is closed.
         ConfigError
-            max_distance is below 0 or NaN.
+            max_distance is no number from 0.
 
         Notes
         -----
@@ -123,9 +126,9 @@ class PairQueries(Moves):
         3.0
         (0.0, True)
         """
+        if not (isinstance(max_distance, Real) and max_distance >= 0):
+            raise ConfigError(f"max_distance must be a number from 0, not {max_distance!r}")
         limit = float(max_distance)
-        if not limit >= 0:
-            raise ConfigError(f"max_distance must be at least 0, not {max_distance!r}")
         pairs = self._pair_up(a, b)
         with self._caster.working[0].open_call() as call:
             search = PairSearch.open(call.world, self._host_trees, np.sort(pairs))
@@ -218,7 +221,7 @@ class PairQueries(Moves):
                 found = search.measure(np.arange(begin, end), TOUCH, is_chained=False)
                 touches[begin:end] = found.prim_ids[:, 0] != NO_PRIM
 
-            call.threads.for_ranges(len(pairs), test, least_items=_LEAST_PAIRS)
+            call.threads.run(test, cut_range(0, len(pairs), -(-len(pairs) // _PAIRS)))
             return pairs[touches].astype(np.int32)
 
     def _pair_up(self, a: Any, b: Any) -> NDArray[np.int64]:
@@ -226,9 +229,11 @@ class PairQueries(Moves):
         ones, others = (self._changes.choose_instances(None, each) for each in (a, b))
         if b is None:
             others = np.setdiff1d(others, ones)
+        check_room(len(ones) * len(others), PAIR_BYTES, "pairs")
         pairs = np.stack(np.meshgrid(ones, others, indexing="ij"), axis=-1).reshape(-1, 2)
         pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-        _, first = np.unique(np.sort(pairs), axis=0, return_index=True)
+        # By one number of a pair, in a fifth of the time.
+        _, first = np.unique(np.sort(pairs) @ [1 << 32, 1], return_index=True)
         pairs = pairs[np.sort(first)]
         if len(pairs) == 0:
             raise QueryError("a distance needs two different instances")

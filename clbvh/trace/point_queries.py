@@ -33,7 +33,7 @@ class PointQueries(Moves):
         points: ArrayLike,
         *,
         mask: ArrayLike | None = None,
-        geometry: Geometry | None = None,
+        geometry: Geometry | str | None = None,
         instance: Instances | None = None,
         progress: Progress | None = None,
     ) -> ClosestPoints:
@@ -45,7 +45,7 @@ class PointQueries(Moves):
         mask : int or (...,) int, optional
             32 bits, broadcast to the points: each sees only the instances whose mask shares a bit with its own; without
             it, all.
-        geometry : Geometry, optional
+        geometry : Geometry or str, optional
             Of the tracer's scene: only its instances are seen.
         instance : Instance, int or str, or several, optional
             Of the tracer's scene, by handle, id or name: only they are seen.
@@ -104,7 +104,7 @@ class PointQueries(Moves):
         k: int,
         *,
         mask: ArrayLike | None = None,
-        geometry: Geometry | None = None,
+        geometry: Geometry | str | None = None,
         instance: Instances | None = None,
         progress: Progress | None = None,
     ) -> ClosestPoints:
@@ -159,7 +159,7 @@ class PointQueries(Moves):
         points: ArrayLike,
         *,
         mask: ArrayLike | None = None,
-        geometry: Geometry | None = None,
+        geometry: Geometry | str | None = None,
         instance: Instances | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.bool_]:
@@ -192,7 +192,7 @@ class PointQueries(Moves):
         points: ArrayLike,
         *,
         mask: ArrayLike | None = None,
-        geometry: Geometry | None = None,
+        geometry: Geometry | str | None = None,
         instance: Instances | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.float64]:
@@ -308,7 +308,7 @@ class PointQueries(Moves):
         self,
         points: ArrayLike,
         mask: ArrayLike | None,
-        geometry: Geometry | None,
+        geometry: Geometry | str | None,
         instance: Instances | None,
     ) -> SeenPoints:
         """Return points with the instances that are visible to them."""

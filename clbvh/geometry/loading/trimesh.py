@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import dataclasses
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import MeshError
+from ...errors import MeshError, shorten_message
 from ..appearance.appearance import Appearance
 from ..appearance.material import OPAQUE, Material, Texture, copy_with_alpha
 from ..appearance.srgb import srgb_to_linear
@@ -33,6 +35,8 @@ PACKAGES = {
     "step": "cascadio",
     "stp": "cascadio",
 }
+
+_MAX_SHOWN = 60  # characters of a wrong value in a message
 
 # A last row of a node's matrix that is as near to 0, 0, 0, 1 as this is that, but for rounding.
 _AFFINE_TOLERANCE = 1e-6
@@ -64,6 +68,28 @@ class HasGraph(Protocol):
         """The nodes; ``graph[node]`` is its (4, 4) transform and the name of its geometry."""
 
 
+@contextmanager
+def reading(thing: object) -> Iterator[None]:
+    """Turn any error but a `MeshError` into one: objects of other libraries raise anything where they are empty."""
+    try:
+        yield
+    except MeshError:
+        raise
+    except Exception as error:
+        detail = shorten_message(f"{type(error).__name__}: {error}")
+        raise MeshError(f"{describe(thing)} has no triangles that can be read ({detail})") from error
+
+
+def describe(thing: object) -> str:
+    """Return the type of a wrong value, with the value where it is short."""
+    kind = type(thing)
+    if kind.__module__ != "builtins":
+        name = f"{kind.__module__.partition('.')[0]}.{kind.__qualname__}"
+        return f"{'an' if name[0] in 'aeio' else 'a'} {name}"
+    text = repr(thing)
+    return f"{kind.__qualname__} {text}" if len(text) <= _MAX_SHOWN else f"a {kind.__qualname__}"
+
+
 def read_trimesh(data: bytes, path: Path, problems: Problems) -> FileParts:
     """Return the parts of a file, as `trimesh.load_scene` reads it."""
     import trimesh  # takes 0.3 s
@@ -86,23 +112,24 @@ def read_graph(scene: HasGraph) -> LoadedParts:
     Raises
     ------
     MeshError
-        A mesh cannot be used; the message names it.
+        A mesh cannot be used, and the message names it; or the graph cannot be read.
     """
     loaded = LoadedParts([], [])
     numbers: dict[str, int] = {}
     # One geometry under two names is converted once.
     meshes: dict[int, Mesh] = {}
-    for node in scene.graph.nodes_geometry:
-        matrix, name = scene.graph[node]
-        geometry = scene.geometry[name]
-        if not isinstance(geometry, HasTriangles) or len(geometry.faces) == 0:
-            continue  # a path, or points
-        if name not in numbers:
-            numbers[name] = len(numbers)
-            if id(geometry) not in meshes:
-                meshes[id(geometry)] = mesh_of_object(geometry, str(name))
-            loaded.meshes.append(dataclasses.replace(meshes[id(geometry)], name=str(name)))
-        loaded.nodes.append(FileNode(str(node), numbers[name], make_affine(matrix)))
+    with reading(scene):
+        for node in scene.graph.nodes_geometry:
+            matrix, name = scene.graph[node]
+            geometry = scene.geometry[name]
+            if not isinstance(geometry, HasTriangles) or len(geometry.faces) == 0:
+                continue  # a path, or points
+            if name not in numbers:
+                numbers[name] = len(numbers)
+                if id(geometry) not in meshes:
+                    meshes[id(geometry)] = mesh_of_object(geometry, str(name))
+                loaded.meshes.append(dataclasses.replace(meshes[id(geometry)], name=str(name)))
+            loaded.nodes.append(FileNode(str(node), numbers[name], make_affine(matrix)))
     return loaded
 
 

@@ -19,6 +19,7 @@ from ...geometry import Mesh
 from ...scene.state import SceneState
 from ...structs import NO_PRIM
 from ...support.compiled import compiled
+from ..rays.batch import check_room
 from ..world.surface_arrays import SurfaceArrays, place_point
 from ..world.top_tree import find_boxes
 from ..world.world import World
@@ -29,6 +30,9 @@ from .triangles import APART, measure_exactly, measure_triangles
 # the pair of triangles that float64 cannot decide.
 _PAIR, _SIZE, _TESTED, _PRIM_A, _PRIM_B = range(5)
 _NOT_BEGUN = -1
+
+# The most memory that the search of a pair of instances takes, among many.
+PAIR_BYTES = 128
 
 
 class JoinedTrees(NamedTuple):
@@ -152,7 +156,8 @@ class PairSearch(NamedTuple):
 
     def find_one(self, limit: float) -> tuple[int, NDArray[np.int32]] | None:
         """Return the pair of the nearest triangles, and them; None if all are beyond the limit of `measure`."""
-        order = np.lexsort((*self.pairs.T[::-1], self.gaps))
+        near = np.flatnonzero(self.gaps < limit)
+        order = near[np.lexsort((*self.pairs[near].T[::-1], self.gaps[near]))]
         prim_ids = self.measure(order, limit, is_chained=True).prim_ids
         found = np.flatnonzero(prim_ids[:, 0] != NO_PRIM)
         return (int(order[found[-1]]), prim_ids[found[-1]]) if len(found) else None
@@ -197,7 +202,9 @@ def check_meshes(world: World, instance_ids: NDArray[np.int64]) -> NDArray[np.in
 def find_overlaps(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the pairs of boxes that overlap, (n, 2), the smaller number first, in ascending order."""
     order = np.argsort(lower[:, 0], kind="stable")
-    pairs = np.empty((_sweep(lower, upper, order, np.empty((0, 2), np.int64)), 2), np.int64)
+    count = _sweep(lower, upper, order, np.empty((0, 2), np.int64))
+    check_room(count, PAIR_BYTES, "pairs")
+    pairs = np.empty((count, 2), np.int64)
     _sweep(lower, upper, order, pairs)
     return pairs[np.lexsort(pairs.T[::-1])]
 

@@ -55,6 +55,9 @@ class DeviceHits(NamedTuple):
     geometry_id: Any
     is_front: Any
 
+    def __repr__(self) -> str:
+        return f"DeviceHits(shape={self.t.shape})"
+
 
 _DTYPES = ("float64",) * 3 + ("int32",) * 3 + ("int8",)
 

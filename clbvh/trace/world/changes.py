@@ -70,7 +70,7 @@ class Changes:
         tree = self._tree if isinstance(self._tree, Bvh) else build_shape(built, self._tree, world.trees.session.info)
         return tree if built is mesh else tree.refit(cast(Mesh, mesh).vertices)
 
-    def choose_instances(self, geometry: Geometry | None, instance: Instances | None) -> NDArray[np.int64]:
+    def choose_instances(self, geometry: Geometry | str | None, instance: Instances | None) -> NDArray[np.int64]:
         """Return the ids of the given instances of a geometry, or of either alone; see `Tracer.closest_point`."""
         if instance is None:
             chosen = np.arange(self._opened.instance_count)
@@ -88,7 +88,7 @@ class Changes:
         """Return a world in a state of other transforms."""
         return world.with_transforms(state, session)
 
-    def find_shape(self, world: World, geometry: Geometry) -> tuple[int, Shape]:
+    def find_shape(self, world: World, geometry: Geometry | str) -> tuple[int, Shape]:
         """Return the id of a geometry, and its shape as it is now."""
         geometry_id, shapes = self._scene.geometry_id(geometry), world.state.shapes
         if geometry_id >= len(shapes):

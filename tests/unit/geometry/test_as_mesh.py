@@ -103,6 +103,29 @@ def test_meshes_of_open3d_have_their_colours():
         as_mesh(empty)
 
 
+@pytest.mark.parametrize("colours", [CORNERS[:1], CORNERS + np.nan, CORNERS[0]], ids=["too few", "nan", "one"])
+def test_colours_that_cannot_be_used_are_left_out_with_a_warning(colours):
+    with pytest.warns(clbvh.AppearanceWarning, match="SimpleNamespace: the colours cannot be used: "):
+        mesh = as_mesh(SimpleNamespace(vertices=CORNERS, triangles=FACES, vertex_colors=colours))
+    assert mesh.appearance is None
+    assert mesh.face_count == 1
+
+
+@pytest.mark.parametrize("take", [as_mesh, clbvh.Scene, clbvh.Tracer])
+def test_graphs_that_cannot_be_read_are_refused_in_one_sentence(take):
+    triangle, nodes = SimpleNamespace(vertices=CORNERS, faces=FACES), type("Graph", (dict,), {"nodes_geometry": ["a"]})
+    for graph, geometry in (
+        (None, {}),
+        ({}, {}),
+        (nodes(a=None), {}),
+        (nodes(a=(np.eye(4), "b")), {}),
+        (nodes(a=("no matrix", "b")), {"b": triangle}),
+        (nodes(a=(np.eye(4), "b")), {"b": SimpleNamespace(vertices=None, faces=None)}),
+    ):
+        with pytest.raises(MeshError, match=r"a types\.SimpleNamespace has no triangles that can be read \("):
+            take(SimpleNamespace(graph=graph, geometry=geometry))
+
+
 def test_vertices_of_a_table_are_its_columns_by_name():
     table = pandas.DataFrame({"id": [7, 8, 9], **dict(zip("zyx", CORNERS.T[::-1], strict=True))})
     faces = pandas.DataFrame(FACES, columns=["a", "b", "c"])

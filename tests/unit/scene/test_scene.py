@@ -130,7 +130,8 @@ def test_what_cannot_be_placed_places_nothing(scene):
             scene.place_many(ball, THREE, **values)
     for geometry, message in (
         (other, r"Geometry\(0, 'icosphere', .* belongs to another scene"),
-        (0, r"expected a geometry that Scene\.add returned, not 0"),
+        (0, r"expected a geometry that Scene\.add returned, or its name, not 0"),
+        ("nobody", "has no geometry 'nobody'"),
         (scene.instances[0], "not Instance"),
     ):
         with pytest.raises(SceneError, match=message):
@@ -208,6 +209,8 @@ def test_handles_become_ids(scene):
     ):
         found = scene.instance_ids(given)
         assert (found.tolist(), found.dtype) == (ids, np.int64)
+    for geometry in scene.geometries:
+        assert scene.geometry_id(geometry) == scene.geometry_id(geometry.name) == geometry.id
     for wrong in (-1, 3, 2**70):
         with pytest.raises(SceneError, match=r"there is no instance -?\d+: the scene has 3"):
             scene.instance_ids([0, wrong])

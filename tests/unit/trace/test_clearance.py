@@ -1,13 +1,18 @@
 """Distance and collision of instances: exact for any triangles, the nearest pair of any two meshes, and the API."""
 
+import os
+import signal
+import time
+from contextlib import nullcontext
 from itertools import combinations
-from threading import Thread
+from threading import Thread, Timer
 
 import numpy as np
 import pytest
 import trimesh
 
 from clbvh import ConfigError, QueryError, Scene, SceneError, Spheres, Tracer, Transform, make_shape
+from clbvh.support import memory
 from clbvh.trace.clearance.triangles import measure_exactly
 
 FACE = [[0, 1, 2]]
@@ -231,6 +236,33 @@ def test_what_is_beyond_the_limit_is_nothing(row):
     assert nothing.prim_ids.tolist() == nothing.instance_ids.tolist() == [-1, -1]
 
 
+def test_more_pairs_than_fit_are_refused_before_the_work(row, monkeypatch):
+    tracer, _ = row
+    monkeypatch.setattr(memory, "_LEAST_CHECKED", 0)
+    monkeypatch.setattr(memory, "free_memory_bytes", lambda: 0)
+    for ask, count in ((tracer.collisions, 2), (lambda: tracer.closest_pair([0, 1], [2, 3, 4]), 6)):
+        with pytest.raises(QueryError, match=f"results of {count} pairs need about .* are free: ask for fewer pairs"):
+            ask()
+
+
+def test_ctrl_c_ends_a_long_search_early(session):
+    scene, times = Scene(), []
+    crate = scene.add(BOX)
+    for _ in range(600):  # in one place, where each pair is decided by integers: 36 times the work of 100
+        scene.place(crate)
+    with Tracer(scene) as tracer:
+        tracer.collisions(range(9))
+        for count in (100, 600):
+            begin = time.process_time()
+            with pytest.raises(KeyboardInterrupt) if count == 600 else nullcontext():
+                if count == 600:
+                    Timer(times[0], os.kill, (os.getpid(), signal.SIGINT)).start()
+                assert len(tracer.collisions(range(count))) == 4950
+            times.append(time.process_time() - begin)
+        assert times[1] < 12 * times[0]
+        assert len(tracer.collisions(range(3))) == 3
+
+
 def test_moved_parts_are_measured_where_they_are(row):
     tracer, scene = row
     tracer.set_transforms(4, Transform(translate=(7, 0, 0)).matrix)
@@ -271,7 +303,7 @@ def test_wrong_arguments_are_refused(session):
                 ask(first)
         with pytest.raises(SceneError, match="no instance 7"):
             tracer.is_colliding(0, 7)
-        for wrong in (-1, np.nan):
+        for wrong in (-1, np.nan, None, "near", [1, 2]):
             with pytest.raises(ConfigError, match="max_distance"):
                 tracer.closest_pair(0, 1, max_distance=wrong)
     with pytest.raises(QueryError, match="closed"):
