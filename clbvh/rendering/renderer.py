@@ -40,6 +40,7 @@ from ..trace.rays.batch import read_rays
 from ..trace.world.world import World
 from .built_scene import BuiltScene
 from .cameras.camera import Camera
+from .cameras.projection import Fisheye
 from .kernel_view import is_lit_as_studio, make_kernel_view
 from .open_scene import SceneLike, as_scene
 from .options import RenderOptions
@@ -520,10 +521,16 @@ class Renderer(ContextManager):
         """
         _, finder, frames, _ = self._shown
         view = finder.complete(self._find_view(view, changes))
-        origins, directions = finder.camera(view).rays_at(pixels, view.width, view.height)
+        camera, size = finder.camera(view), (view.width, view.height)
+        origins, directions = camera.rays_at(pixels, *size)
+        is_seen: Any = True
+        if isinstance(camera.projection, Fisheye):  # outside its circle there are rays, too
+            column, row = np.moveaxis(np.clip(pixels, 0, np.subtract(size, 1)).astype(int), -1, 0)
+            is_seen = camera.sees(*size)[row, column]
 
         def cast(t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf) -> Hits:
-            return find_closest_hits(frames.caster, *read_rays(origins, directions, t_min, t_max), None)
+            rays = read_rays(origins, directions, np.where(is_seen, t_min, 0.0), np.where(is_seen, t_max, 0.0))
+            return find_closest_hits(frames.caster, *rays, None)
 
         if view.cut is None:
             return cast()

@@ -1,4 +1,4 @@
-"""What a click says: the face that is hit and what it belongs to, the distance of two points, what is highlighted."""
+"""Clicks: the face that is hit and its part or instance, the distance of two points, the highlighted pixels."""
 
 from __future__ import annotations
 

@@ -14,25 +14,32 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..rendering.cameras.arrays import as_vector
 from ..rendering.cameras.camera import Camera
-from ..rendering.cameras.projection import Orthographic
+from ..rendering.cameras.projection import Fisheye, Orthographic, Panorama
 from ..rendering.settings import Vector
 
 # Degrees by which the line of sight stays away from up and down, where the picture would flip over.
 _POLE = 0.5
 
-# Digits of a coordinate, counted from the distance between the eye and what it looks at: a thousandth of a pixel.
+# Digits of a coordinate, counted from the height of what is seen, or the distance if that is less: a thousandth of a
+# pixel.
 _DIGITS = 7
 
 _Array = NDArray[np.float64]
 
 
 def tidy(camera: Camera) -> Camera:
-    """Return the camera with coordinates of a few digits."""
-    digits = _DIGITS - 1 - math.floor(math.log10(math.dist(camera.eye, camera.look_at)))
-    eye, look_at = (as_vector(np.round(point, digits)) for point in (camera.eye, camera.look_at))
-    projection = camera.projection
+    """Return the camera with coordinates of a few digits; one with a lens, for which there is no command, as it is."""
+    if camera.lens is not None:
+        return camera  # its look_at may be anywhere on its axis
+    projection, height = camera.projection, math.dist(camera.eye, camera.look_at)
     if isinstance(projection, Orthographic):
+        assert projection.height is not None
+        height = min(height, projection.height)
         projection = Orthographic(float(f"{projection.height:.{_DIGITS}g}"))
+    elif projection is None:
+        height *= min(1.0, 2 * math.tan(math.radians(camera.fov) / 2))
+    digits = _DIGITS - 1 - math.floor(math.log10(height))
+    eye, look_at = (as_vector(np.round(point, digits)) for point in (camera.eye, camera.look_at))
     return replace(camera, eye=eye, look_at=look_at, projection=projection)
 
 
@@ -80,16 +87,15 @@ def focus(camera: Camera, point: Vector, share: float) -> Camera:
 
 
 def find_opposite(camera: Camera, pixel: ArrayLike, size: tuple[int, int]) -> Vector:
-    """Return the point of the ray through a pixel at the depth of `look_at`."""
+    """Return the point of the ray through a pixel at the depth, or the distance, of `look_at`."""
     return as_vector(np.subtract(camera.look_at, _offset(camera, camera.look_at, pixel, size)))
 
 
 def _offset(camera: Camera, point: Vector, pixel: ArrayLike, size: tuple[int, int]) -> _Array:
     """Return how far a point is beside the ray through a pixel, across the line of sight."""
     origin, direction = camera.rays_at(pixel, *size)
-    forward = camera.axes()[2]
-    along = float(direction @ forward)
-    if abs(along) < 1e-6:  # at the side of a panorama
-        return np.zeros(3)
     off = np.subtract(point, origin)
-    return off - direction * ((off @ forward) / along)
+    if isinstance(camera.projection, Fisheye | Panorama):  # by its distance: at the side of the camera, depth is 0
+        return off - direction * np.linalg.norm(off)
+    forward = camera.axes()[2]
+    return off - direction * ((off @ forward) / (direction @ forward))

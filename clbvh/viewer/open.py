@@ -87,18 +87,18 @@ def prepare(
 
     The function takes `on_phase`, see `Renderer`.
     """
-    if isinstance(source, Renderer):
-        opened = Opened(source, {"view": (view or source.view).changed(**changes)})
-        return lambda on_phase=None: opened
-    settings: dict[str, Any] = {}
-    if isinstance(source, str | os.PathLike | list):
-        files = [os.fspath(each) for each in (source if isinstance(source, list) else [source])]
-        source, own = as_scene(files)
-        settings = {"sources": files, "own": own}
     default, given = View(), view or View()
     # Somebody has asked for a size of the picture; otherwise it has that of the page.
     is_sized = {"width", "height"} & changes.keys() or (given.width, given.height) != (default.width, default.height)
-    settings |= {"view": (view or settings.get("own", default)).changed(**changes), "is_sized": bool(is_sized)}
+    settings: dict[str, Any] = {"is_sized": bool(is_sized)}
+    if isinstance(source, Renderer):
+        opened = Opened(source, settings | {"view": (view or source.view).changed(**changes)})
+        return lambda on_phase=None: opened
+    if isinstance(source, str | os.PathLike | list):
+        files = [os.fspath(each) for each in (source if isinstance(source, list) else [source])]
+        source, own = as_scene(files)
+        settings |= {"sources": files, "own": own}
+    settings["view"] = (view or settings.get("own", default)).changed(**changes)
     # The first picture is one that needs no tables of surfaces: it is there half a second sooner.
     first = settings["view"].changed(shading=FIRST_SHADING, samples=None)
     return lambda on_phase=None: Opened(Renderer(source, first, options, on_phase=on_phase), settings)
@@ -112,5 +112,4 @@ def _open_browser(address: str, port: int) -> None:
 def _is_notebook() -> bool:
     """Return whether this runs in a kernel of Jupyter, which has loaded IPython."""
     module = sys.modules.get("IPython")
-    shell = None if module is None else module.get_ipython()
-    return type(shell).__name__ == "ZMQInteractiveShell"
+    return module is not None and hasattr(module.get_ipython(), "kernel")

@@ -1,4 +1,4 @@
-"""What is seen, in words that repeat it: the command `clbvh render`, and Python."""
+"""A view as text: the command `clbvh render`, and the Python, of the same picture."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 from ..errors import ConfigError
 from ..rendering.cameras.projection import Projection, text_of
 from ..rendering.cut import Cut
+from ..rendering.environment_map import EnvironmentMap
 from ..rendering.scene_file import plain_view
 from ..rendering.settings import Setting, list_settings, settings_of
 from ..rendering.view import View
@@ -33,15 +34,26 @@ def phrase_command(sources: Sequence[str], own: View, view: View) -> str:
     """
     if not sources:
         raise ConfigError("what is shown has no file that a command could name: copy the Python")
-    words = ["clbvh", "render", *sources]
+    changes: dict[str, Any] = {}
+    if (view.wireframe is None) != (own.wireframe is None):
+        changes["wireframe"] = view.wireframe is not None
+    begin = own.changed(**changes)
     for each in list_settings(View):
         value = _get(view, each)
-        if value == _get(own, each) or (each.kind.members is not None and each.name != "wireframe"):
-            continue
-        if not each.is_option or each.name == "environment" or (value is None and each.kind.option is not bool):
-            raise ConfigError(f"an option cannot say the view's {each.name}: copy the Python")
-        option = each.name.replace("_", "-")
-        if each.kind.option is bool:
+        has_text = value is not None and not (isinstance(value, EnvironmentMap) and value.path is None)
+        if has_text and each.is_option and each.kind.members is None and value != _get(begin, each):
+            changes[each.name] = value
+    if "environment" in changes:  # an option that also sets the shading
+        changes["shading"] = view.shading
+    # Options unset others, as a side does an eye. Anything else that differs has no option.
+    said = own.changed(**changes)
+    for name in settings_of(View):
+        if getattr(said, name) != getattr(view, name):
+            raise ConfigError(f"an option cannot say the view's {name}: copy the Python")
+    words = ["clbvh", "render", *sources]
+    for name, value in changes.items():
+        option = name.replace("_", "-")
+        if isinstance(value, bool):
             words.append(f"--{option}" if value else f"--no-{option}")
         else:
             words += [f"--{option}", _phrase_value(value)]
@@ -49,10 +61,13 @@ def phrase_command(sources: Sequence[str], own: View, view: View) -> str:
 
 
 def phrase_python(sources: Sequence[str], view: View) -> str:
-    """Return Python that renders a view."""
-    settings = ", ".join(f"{name}={value!r}" for name, value in plain_view(view).items() if name != "camera")
+    """Return Python that renders a view; where there is no file, it speaks of `scene` and `environment`."""
+    values = {name: repr(value) for name, value in plain_view(view).items()}
     if view.camera is not None:
-        settings += f"{', ' * bool(settings)}camera={_qualify(repr(view.camera))}"
+        values["camera"] = _qualify(repr(view.camera))
+    if view.environment is not None:
+        values["environment"] = repr(view.environment.path) if view.environment.path else "environment"
+    settings = ", ".join(f"{name}={value}" for name, value in values.items())
     source = repr(list(sources) if len(sources) > 1 else sources[0]) if sources else "scene"
     return f"view = clbvh.View({settings})\npicture = clbvh.render({source}, view)"
 
@@ -70,6 +85,8 @@ def _phrase_value(value: Any) -> str:
         return (";" if isinstance(value[0], tuple) else ",").join(map(_phrase_value, value))
     if isinstance(value, Cut):
         return value.text
+    if isinstance(value, EnvironmentMap):
+        return str(value.path)
     if isinstance(value, Projection):
         return text_of(value)
     return value if isinstance(value, str) else repr(value)

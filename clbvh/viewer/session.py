@@ -12,6 +12,7 @@ import io
 import math
 import threading
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
@@ -37,10 +38,10 @@ Send: TypeAlias = Callable[[dict[str, Any], bytes], None]
 # Of the first picture: it needs no tables of surfaces, which take as long as the tree.
 FIRST_SHADING = "lambert"
 
-# Seconds of a picture while something moves; for the wish of 30 pictures a second.
+# Seconds of a picture while something moves: 30 pictures a second.
 _FRAME_S = 1 / 30
 
-# Seconds of a launch: so long a change waits for the device.
+# Seconds of a launch, for which a change may have to wait.
 _LAUNCH_S = 0.02
 
 # Seconds without a change after which the picture settles.
@@ -140,8 +141,8 @@ class Session:
         self._ratio, self._scale = 1.0, 0.5
         self._sent, self._drawn = 0, 0
         self._picture: Picture | None = None
-        self._settled: tuple[int, bytes] | None = None
-        self._is_flying = self._is_spinning = False
+        self._settled = -1, b""
+        self._is_flying = self._is_spinning = self._is_saving = False
         self._keys: dict[str, bool] = {}
         self._drag: dict[str, Any] = {}
         self._marks: list[Picked] = []
@@ -174,6 +175,11 @@ class Session:
         if thread is not None and thread is not threading.current_thread():
             thread.join()
 
+    def _leave(self, event: dict[str, Any]) -> None:
+        """Stop for a page that ends; another view of the same widget says its size again, and goes on."""
+        self.close()
+        self._say({"type": "opened"})
+
     def _resize(self, event: dict[str, Any]) -> None:
         ratio = float(event.get("pixel_ratio") or 1.0)
         size = max(1, round(event["width"] * ratio)), max(1, round(event["height"] * ratio))
@@ -183,9 +189,11 @@ class Session:
         with self._changed:
             self._ratio, is_first = size[0] / event["width"], self._size is None
             self._size = size
-            self._touch()  # also where the size is the same: a notebook may show one widget twice
+            # Also where the size is the same: a notebook may show one widget twice, or again after a reload, and the
+            # page before it does not say that it has drawn a picture.
+            self._drawn = self._sent
+            self._touch()
             if is_first:
-                self._sent = self._drawn = 0
                 self._thread = threading.Thread(target=self._run, name="clbvh-view", daemon=True)
                 self._thread.start()
         self._greet()
@@ -201,7 +209,7 @@ class Session:
             facts = f"{state.instance_count:,} objects, {facts}"
         width, height = (self._start.width, self._start.height) if self._is_sized else (None, None)
         self._say({
-            "type": "scene", "title": ", ".join(self._sources) if mesh is None else mesh.name,
+            "type": "scene", "title": (", ".join(self._sources) or "scene") if mesh is None else mesh.name,
             "facts": facts,
             "shadings": list(SHADINGS), "sides": list(STANDARD_VIEWS), "width": width, "height": height,
         })  # fmt: skip
@@ -307,7 +315,7 @@ class Session:
                 self._touch()
         elif key in _SIDE_KEYS:
             self._set({"name": "side", "value": _SIDE_KEYS[key]})
-        elif key.isdigit() and 1 <= int(key) <= len(names):
+        elif key.isdecimal() and 1 <= int(key) <= len(names):
             self._set({"name": "shading", "value": names[int(key) - 1]})
         elif key in ("h", "Home"):
             self._go_home()
@@ -338,13 +346,17 @@ class Session:
             if name == "fly":
                 self._is_flying = bool(value)
             elif name == "side":
-                self._view = self._home().changed(side=str(value))
+                view = self._home().changed(side=str(value))
+                self._renderer.find_camera(view)  # raises for a side from which there is no panorama
+                self._view = view
             elif name == "shading":
-                # Others than these have one sample alone.
-                samples = None if value in REPORT_SHADINGS else self._start.samples
+                # These have one sample alone.
+                samples = self._start.samples and (1 if value in REPORT_SHADINGS else self._start.samples)
                 self._view = self._view.changed(shading=value, samples=samples)
-            elif name in ("cut", "wireframe"):
-                self._view = self._view.changed(**{name: value})
+            elif name == "cut":
+                self._view = self._view.changed(cut=value)
+            elif name == "wireframe":
+                self._view = self._view.changed(wireframe=value and (self._start.wireframe or True))
             else:
                 raise ConfigError(f"the viewer sets shading, side, cut, wireframe and fly, not {name!r}")
             self._touch()
@@ -357,10 +369,11 @@ class Session:
         elif what == "python":
             self._say({"type": "text", "what": what, "text": phrase_python(self._sources, view)})
         elif what == "png":
-            settled = self._settled
-            is_kept = settled is not None and settled[0] == self._version
-            content = settled[1] if is_kept else encode_picture(self._renderer.render(view).pixels, ".png")  # type: ignore[index]
-            self._say({"type": "file", "name": "picture.png"}, content)
+            with self._changed:
+                version, content = self._settled
+                self._is_saving = version != self._version
+            if not self._is_saving:
+                self._say_file(content)
         elif what == "home":
             self._go_home()
         elif what == "turntable":
@@ -438,35 +451,36 @@ class Session:
 
     def _run(self) -> None:
         """Render the newest view, until the page is closed."""
-        own, shown, step, before = threading.current_thread(), -1, 0, time.perf_counter()
+        own, shown, passes, before = threading.current_thread(), -1, list[View](), time.perf_counter()
         while True:
-            with self._changed:
-                job = None
-                while job is None:
+            try:
+                with self._changed:
                     if self._thread is not own:
                         return
-                    now = time.perf_counter()
+                    spent_s, before = time.perf_counter() - before, time.perf_counter()
                     if self._keys or self._is_spinning:
-                        self._advance(min(now - before, _STILL_S))
-                    before = now
-                    left_s = self._moved_at + _STILL_S - now
-                    passes = self._list_passes()
-                    if self._version != shown:
-                        step = 0
-                    if self._version != shown and left_s > 0:
-                        job = _Job(self._version, self._moving_view(), False, True)
-                    elif left_s <= 0 and step < len(passes):
-                        job, step = _Job(self._version, passes[step], step == len(passes) - 1, False), step + 1
+                        self._advance(min(spent_s, _STILL_S))
+                    left_s, is_new = self._moved_at + _STILL_S - before, self._version != shown
+                    if is_new:
+                        shown, passes = self._version, self._list_passes()
+                    if is_new and left_s > 0:
+                        job = _Job(shown, self._moving_view(), False, True)
+                    elif left_s <= 0 and passes:
+                        job = _Job(shown, passes.pop(0), not passes, False)
                     else:
                         self._changed.wait(left_s if left_s > 0 else None)
-                shown = job.version
-            try:
+                        continue
                 self._render(job, own)
             except _StaleError:
-                step = 0
-            except ClbvhError as error:
-                step = len(passes)
-                self._note(str(error), is_error=True)
+                pass
+            except Exception as error:  # the next change may be rendered again
+                if not isinstance(error, ClbvhError):
+                    traceback.print_exc()
+                with self._changed:
+                    passes, self._is_spinning, self._is_saving = [], False, False
+                    self._keys.clear()
+                self._say_state()
+                self._note(str(error) or repr(error), is_error=True)
 
     def _list_passes(self) -> list[View]:
         """Return the views of a picture that settles, each with more samples than the one before."""
@@ -497,7 +511,8 @@ class Session:
                 raise _StaleError
 
         picture = self._renderer.render(job.view, launch_s=_LAUNCH_S, on_samples=check)
-        content = encode_picture(picture.pixels, ".png") if job.is_last else _encode_jpeg(picture)
+        is_exact = job.is_last or picture.is_transparent
+        content = encode_picture(picture.pixels, ".png") if is_exact else _encode_jpeg(picture)
         spent_s = time.perf_counter() - begin
         if job.is_moving:
             # Half of the way in each frame, as the times of frames differ.
@@ -509,15 +524,17 @@ class Session:
                 raise _StaleError
             self._sent += 1
             self._picture = picture
+            index, is_saving = self._sent, self._is_saving and job.is_last
             if job.is_last:
-                self._settled = job.version, content
-            index = self._sent
+                self._settled, self._is_saving = (job.version, content), False
         height, width = picture.found.shape
         self._say({
             "type": "frame", "index": index, "width": width, "height": height, "settled": job.is_last,
-            "format": "png" if job.is_last else "jpeg", "samples": picture.samples,
+            "format": "png" if is_exact else "jpeg", "samples": picture.samples,
             "of_samples": self._view.sample_count, "frame_ms": round(spent_s * 1e3, 1),
         }, content)  # fmt: skip
+        if is_saving:
+            self._say_file(content)
         if self._marks:
             self._say_overlay(picture)
         if index == 1:
@@ -530,6 +547,9 @@ class Session:
         if size is not None:
             marks = place_marks(points, picture.camera, size, self._ratio)
             self._say({"type": "overlay", **marks}, encode_mask(self._selected, picture))
+
+    def _say_file(self, content: bytes) -> None:
+        self._say({"type": "file", "name": "picture.png"}, content)
 
     def _note(self, text: str, *, is_error: bool = False) -> None:
         self._say({"type": "note", "text": text, "is_error": is_error})
@@ -550,7 +570,7 @@ _HANDLERS: dict[str, Callable[[Session, dict[str, Any]], None]] = {
     "frame_feedback": Session._note_drawn,
     "set": Session._set,
     "ask": Session._ask,
-    "close": lambda session, _: session.close(),
+    "close": Session._leave,
 }
 
 

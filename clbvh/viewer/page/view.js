@@ -65,9 +65,9 @@ export function mount(element, channel) {
     hit: panel.showHit,
     text: async (message) => note({ text: await panel.showText(message) }),
     file: saveFile,
-    note,
+    note: (message) => (message.is_error && picture.stopSigns(), note(message)),
     closed: ({ text }) => (picture.stopSigns(), showLost(text, ...(channel.reconnect ? [reconnect] : []))),
-    opened: () => (showLost(""), picture.restart()), // by `connect`
+    opened: () => (showLost(""), picture.restart()), // by `connect`, or where another view was closed
   };
   const stopListening = channel.listen((message, bytes) => listeners[message.type]?.(message, bytes));
   const sizes = new ResizeObserver(picture.place);

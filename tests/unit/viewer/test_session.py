@@ -4,11 +4,13 @@ import math
 import shlex
 import time
 
+import imageio.v3 as imageio
 import numpy as np
 import pytest
 
 import clbvh
 from clbvh.cli.app import make_app
+from clbvh.viewer import navigate
 from clbvh.viewer.open import prepare
 
 from .page import Page
@@ -69,6 +71,34 @@ def test_the_picture_settles_to_that_of_the_copied_view(page, renderer, action):
     assert page.text("python") != before
 
 
+# Settings of a scene file, and what is changed.
+FILE_CASES = {
+    "a side gives way": ('side = "right"', lambda page: page.drag((30, 30), (60, 40))),
+    "one sample": ("samples = 4", lambda page: page.do("key_down", key="1")),
+    "no edges": ("wireframe = {width = 3}", lambda page: page.do("key_down", key="m")),
+    "an environment": ('shading = "path"\nsamples = 2\nenvironment = "sky.hdr"', lambda page: None),
+}
+
+
+@pytest.mark.parametrize(("text", "action"), FILE_CASES.values(), ids=FILE_CASES)
+def test_what_is_copied_says_how_a_view_differs_from_that_of_a_scene_file(tmp_path, text, action):
+    file = tmp_path / "scene.toml"
+    file.write_text(f'[[object]]\nshape = "icosphere"\ntriangles = 320\n[view]\nup = "y"\n{text}\n')
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n"
+    (tmp_path / "sky.hdr").write_bytes(head + bytes([90, 100, 110, 128] * 2))
+    opened = prepare(str(file), None, None, {})()
+    with opened.renderer, Page(opened.renderer, **opened.settings) as page:
+        action(page)
+        page.do("resize", width=48, height=32, pixel_ratio=1)
+        page.last("frame", settled=True, width=48)
+        pixels, names = page.settle(), {"clbvh": clbvh}
+        words = shlex.split(page.text("command"))
+        exec(page.text("python"), names)
+    assert np.array_equal(names["picture"].rgb, pixels)
+    make_app()([*words[1:-1], str(tmp_path / "copied.png"), "--json"])
+    assert np.array_equal(imageio.imread(tmp_path / "copied.png"), pixels)
+
+
 def test_the_copied_command_renders_what_is_seen(tmp_path, renderer):
     mesh = clbvh.make_shape("icosphere", triangles=320)
     file = tmp_path / "ball's mesh.obj"
@@ -84,9 +114,7 @@ def test_the_copied_command_renders_what_is_seen(tmp_path, renderer):
         pixels = page.settle()
         words = shlex.split(page.text("command"))
     make_app()([*words[1:-1], str(tmp_path / "copied.png"), "--json"])
-    import imageio.v3
-
-    assert np.array_equal(imageio.v3.imread(tmp_path / "copied.png"), pixels)
+    assert np.array_equal(imageio.imread(tmp_path / "copied.png"), pixels)
 
 
 def test_a_view_from_above_moves_without_a_jump_and_keeps_the_up_of_the_scene(page):
@@ -115,6 +143,15 @@ def test_a_click_says_what_the_closest_hit_is(renderer, ratio):
         assert lines["distance"] == f"{float(hit.t):.7g}"
         assert lines["part"] == ("south" if hit.prim_id < 160 else "north")
         assert lines["instance"] == "left (0)"
+
+
+def test_a_click_beside_the_circle_of_a_fisheye_hits_nothing(renderer):
+    view = renderer.view.changed(projection="fisheye", eye=(0, 0, 0), transparent=True)
+    with Page(renderer, view=view) as page:
+        page.last("frame", settled=True)
+        assert {each["format"] for each, _ in page.messages if each["type"] == "frame"} == {"png"}  # with alpha
+        assert page.click(48, 32)
+        assert page.click(1, 1) == {}
 
 
 def test_two_clicks_measure_and_highlight_and_a_third_starts_anew(page):
@@ -148,7 +185,42 @@ def test_a_wrong_event_is_a_note_and_the_page_goes_on(page):
     assert page.settle().shape == (64, 96, 3)
 
 
-def test_one_picture_is_in_flight_and_the_newest_camera_wins(page):
+def test_the_thread_survives_what_cannot_be_rendered(renderer, monkeypatch):
+    with Page(renderer, view=clbvh.View(projection="panorama", samples=4)) as page:
+        page.do("key_down", key="t")
+        assert page.last("note", is_error=True)[0]["text"].startswith("a panorama")
+        assert "side='top'" not in page.text("python")
+        page.settle()
+        with monkeypatch.context() as patch:
+            patch.setattr(renderer, "render", lambda *_, **__: bytearray(2**62))
+            page.do("key_down", key="r")
+            page.last("note", text="MemoryError()")
+        page.do("key_down", key="l")
+        page.settle()
+
+
+def test_a_picture_is_saved_once_it_has_settled(page):
+    page.do("key_down", key="t")
+    page.do("ask", what="png")
+    (_, saved), (_, shown) = page.last("file"), page.last("frame", settled=True)
+    assert saved == shown
+
+
+@pytest.mark.parametrize("changes", [
+    {"projection": "panorama"}, {"projection": "fisheye:300"}, {"projection": "orthographic:1e-7"}, {"fov": 1e-6},
+], ids=str)  # fmt: skip
+def test_a_point_stays_under_the_cursor_also_beside_the_camera_and_close_up(renderer, changes):
+    view = clbvh.View(eye=(0, 0, 3), look_at=(0, 0, 0), shading="lambert", width=400, height=400).changed(**changes)
+    camera, size = renderer.find_camera(view), (400, 400)
+    point = navigate.find_opposite(camera, (210, 195), size)
+    for pixel in ((330, 230), (40, 200)):
+        camera = navigate.drag(camera, point, pixel, size)
+        assert camera.project(point, *size)[0] == pytest.approx(pixel, abs=0.01)
+
+
+# A page that was loaded again says its size, and nothing about the pictures before.
+@pytest.mark.parametrize("answer", ["frame_feedback", "resize"])
+def test_one_picture_is_in_flight_and_the_newest_camera_wins(page, answer):
     page.draws = False
     page.do("key_down", key="t")
     first = page.last("frame")[0]
@@ -157,7 +229,7 @@ def test_one_picture_is_in_flight_and_the_newest_camera_wins(page):
     time.sleep(0.3)
     assert page.last("frame")[0] == first
     page.draws = True
-    page.do("frame_feedback", index=first["index"])
+    page.do(answer, index=first["index"], width=96, height=64)
     page.settle()
     assert "side='front'" in page.text("python")
 
@@ -184,6 +256,7 @@ def test_a_closed_page_stops_work_and_may_come_back(page):
     page.do("resize", width=4000, height=3000, pixel_ratio=1)
     page.do("close")
     count = len(page.messages)
+    assert page.messages[-1][0]["type"] == "opened"  # for another view of the widget
     time.sleep(0.3)
     assert len(page.messages) == count
     page.do("resize", width=40, height=30, pixel_ratio=1)
