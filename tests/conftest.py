@@ -193,6 +193,27 @@ def real_mesh_path():
 
 
 @pytest.fixture
+def traffic(monkeypatch) -> list[int]:
+    """The bytes of each transfer between host and device since the test began."""
+    from clbvh.device.session import DeviceSession
+
+    sizes: list[int] = []
+    write, download = DeviceSession.write, DeviceSession.download
+
+    def note_write(self, buffer, array, **how):
+        sizes.append(array.nbytes)
+        write(self, buffer, array, **how)
+
+    def note_download(self, buffer, into):
+        sizes.append(into.nbytes)
+        download(self, buffer, into)
+
+    monkeypatch.setattr(DeviceSession, "write", note_write)
+    monkeypatch.setattr(DeviceSession, "download", note_download)
+    return sizes
+
+
+@pytest.fixture
 def short_path() -> Iterator[Path]:
     """A temporary folder with a short name: a socket in it must fit the 108 bytes that Unix has for its path."""
     with tempfile.TemporaryDirectory(prefix="clbvh-") as folder:

@@ -13,6 +13,7 @@ from ..rendering.open_scene import SceneLike, as_scene
 from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
 from ..rendering.view import View
+from ..support.say_once import say_once
 from .serve import serve
 from .session import FIRST_SHADING, Send, Session
 
@@ -105,7 +106,7 @@ def prepare(
 
 
 def _open_browser(address: str, port: int) -> None:
-    print(f"clbvh: the live picture is at {address}; Ctrl-C ends it", file=sys.stderr)
+    say_once(f"the live picture is at {address}; Ctrl-C ends it", is_on_stderr=True)
     webbrowser.open(address)
 
 

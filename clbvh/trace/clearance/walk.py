@@ -174,13 +174,14 @@ class PairSearch(NamedTuple):
         is_chained : bool
             Whether each pair must be nearer than all before it.
         """
-        pairs, gaps, trees, arrays = self.pairs[which], self.gaps[which], self.trees, self.arrays
+        chosen = self._replace(pairs=self.pairs[which], gaps=self.gaps[which])
+        pairs, stack_size = chosen.pairs, self.trees.stack_size
         found = Nearest(np.full(len(pairs), limit), np.full((len(pairs), 2), NO_PRIM, np.int32))
         state = np.array([0, _NOT_BEGUN, 0, 0, 0], np.int64)
-        stack, bounds, corners = np.empty((trees.stack_size, 2), np.int64), np.empty(trees.stack_size), np.empty((6, 3))
-        while not _walk(trees, arrays, pairs, gaps, self.unit, is_chained, state, stack, bounds, found):
+        stack, bounds, corners = np.empty((stack_size, 2), np.int64), np.empty(stack_size), np.empty((6, 3))
+        while not _walk(chosen, is_chained, state, stack, bounds, found):
             pair, prims = state[_PAIR], state[_PRIM_A : _PRIM_B + 1].astype(np.int32)
-            place_pair(arrays, pairs[pair], prims, corners)
+            place_pair(self.arrays, pairs[pair], prims, corners)
             distance, _ = measure_exactly(corners)
             squared = max((distance * self.unit) ** 2, APART) if distance > 0.0 else 0.0
             if squared < found.squared[pair]:
@@ -258,8 +259,9 @@ def _place_corner(arrays, instance, vertex, unit):
 
 
 @compiled
-def _walk(trees, arrays, pairs, gaps, unit, is_chained, state, stack, bounds, found):
+def _walk(search, is_chained, state, stack, bounds, found):
     """Go on with a search; return False where a pair of triangles is to be decided by others."""
+    trees, arrays, pairs, unit, gaps = search.trees, search.arrays, search.pairs, search.unit, search.gaps
     poses = Poses(np.empty((2, 3, 3)), np.empty(2), np.empty(3), np.empty(1))
     while state[_PAIR] < len(pairs):
         pair = state[_PAIR]

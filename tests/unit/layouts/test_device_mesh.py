@@ -11,7 +11,6 @@ import pyopencl.array
 import pytest
 
 from clbvh import Mesh, MeshError, Scene, Tracer, build, make_shape
-from clbvh.device.session import DeviceSession
 
 from ...rays import hard_rays
 
@@ -20,25 +19,6 @@ from ...rays import hard_rays
 def queue(session):
     """A queue in a context of the user's own."""
     return cl.CommandQueue(cl.Context([session.info.cl_device]))
-
-
-@pytest.fixture
-def traffic(monkeypatch):
-    """The bytes of each transfer between host and device since the test began."""
-    sizes = []
-    write, download = DeviceSession.write, DeviceSession.download
-
-    def note_write(self, buffer, array, **how):
-        sizes.append(array.nbytes)
-        write(self, buffer, array, **how)
-
-    def note_download(self, buffer, into):
-        sizes.append(into.nbytes)
-        download(self, buffer, into)
-
-    monkeypatch.setattr(DeviceSession, "write", note_write)
-    monkeypatch.setattr(DeviceSession, "download", note_download)
-    return sizes
 
 
 def put(queue, *arrays):
