@@ -9,6 +9,7 @@ import webbrowser
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from ..bvh import Bvh
 from ..rendering.open_scene import SceneLike, as_scene
 from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
@@ -96,10 +97,11 @@ def prepare(
         opened = Opened(source, settings | {"view": (view or source.view).changed(**changes)})
         return lambda on_phase=None: opened
     if isinstance(source, str | os.PathLike | list):
-        files = [os.fspath(each) for each in (source if isinstance(source, list) else [source])]
-        source, own = as_scene(files)
-        settings |= {"sources": files, "own": own}
-    settings["view"] = (view or settings.get("own", default)).changed(**changes)
+        source = settings["sources"] = [os.fspath(each) for each in (source if isinstance(source, list) else [source])]
+    own = default
+    if not isinstance(source, Bvh):  # whose tree is not built again
+        source, own = as_scene(source)
+    settings |= {"own": own, "view": (view or own).changed(**changes)}
     # The first picture is one that needs no tables of surfaces: it is there half a second sooner.
     first = settings["view"].changed(shading=FIRST_SHADING, samples=None)
     return lambda on_phase=None: Opened(Renderer(source, first, options, on_phase=on_phase), settings)
