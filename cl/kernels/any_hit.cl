@@ -13,6 +13,9 @@ kernel void any_hit(WORLD_ARGUMENTS, CAST_ARGUMENTS, global uchar *restrict bloc
     }
     const int ray_id = find_ray_id(ray_index, order);
     const world_t world = WORLD(find_start(nodes, tiles, entry_points));
+    if (order) {
+        WILL_WRITE(blocked + find_coming_ray_id(ray_index, ray_count, order));
+    }
     const world_ray_t ray = load_ray(rays, lows, low_step, ray_index);
     search_t search = make_search(1, 0);
     traverse_world(&world, &ray, true, &search, QUERY_COUNT);

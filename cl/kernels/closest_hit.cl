@@ -21,7 +21,7 @@ kernel void closest_hit(WORLD_ARGUMENTS, CAST_ARGUMENTS, global kept_hit_t *rest
         return;
     }
     if (order) {
-        WILL_WRITE(hits + ray_id);
+        WILL_WRITE(hits + find_coming_ray_id(ray_index, ray_count, order));
     }
     const world_ray_t ray = load_ray(rays, lows, low_step, ray_index);
     traverse_world(&world, &ray, true, &search, QUERY_CLOSEST);

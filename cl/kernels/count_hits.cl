@@ -14,6 +14,9 @@ kernel void count_hits(WORLD_ARGUMENTS, CAST_ARGUMENTS, global int *restrict cou
     }
     const int ray_id = find_ray_id(ray_index, order);
     const world_t world = WORLD(find_start(nodes, tiles, entry_points));
+    if (order) {
+        WILL_WRITE(counts + find_coming_ray_id(ray_index, ray_count, order));
+    }
     const world_ray_t ray = load_ray(rays, lows, low_step, ray_index);
     search_t search = make_search(max_hits, 0);
     traverse_world(&world, &ray, true, &search, QUERY_COUNT);
