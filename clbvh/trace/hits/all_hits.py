@@ -266,7 +266,7 @@ def refine_rays(
     float32 resolves in the other order. In a scene, the hits of a ray are in the order of t in float64: the device
     resolves the distance of two instances less the farther they are from the ray's origin.
     """
-    found_ints, block, slot = crossings.found.view(np.int32), RefineBlock.make(), first_slot
+    found_ints, block, slot = crossings.found.view(np.int32), RefineBlock.of_thread(), first_slot
     for first in range(begin, end, _MOST_RAYS):
         last = min(first + _MOST_RAYS, end)
         # Counts and sources of these rays alone: their indices agree with the part's.

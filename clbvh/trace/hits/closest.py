@@ -132,7 +132,7 @@ def _find_closest_on_host(tree: WideArrays, box: TreeBox, batch: RayBatch, surfa
     """
     count = batch.ray_count
     packed, found = np.empty((count, PACKED_RAY_LANES), np.float32), np.empty((count, FIELD_COUNT), np.int32)
-    bad = _find_closest(batch.part(0, count), box, tree, surface, packed, found, NO_LOWS, RefineBlock.make(), hits)
+    bad = _find_closest(batch.part(0, count), box, tree, surface, packed, found, NO_LOWS, RefineBlock.of_thread(), hits)
     if bad != ALL_GOOD:
         raise explain_bad_ray(batch, bad)
 

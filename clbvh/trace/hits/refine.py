@@ -13,6 +13,7 @@ coordinates.
 
 from __future__ import annotations
 
+import threading
 from typing import NamedTuple
 
 import numpy as np
@@ -113,9 +114,16 @@ class RefineBlock(NamedTuple):
     firsts: NDArray[np.int64]
 
     @classmethod
-    def make(cls) -> RefineBlock:
-        """Return memory that is not yet written; numba would need half a second to compile this."""
-        return cls(np.empty((TUV + 1, 3, BLOCK_HITS)), np.empty(BLOCK_HITS), *np.empty((7, BLOCK_HITS), np.int64))
+    def of_thread(cls) -> RefineBlock:
+        """Return the memory of the calling thread: to make it takes a tenth of a call with one ray."""
+        block: RefineBlock | None = getattr(_kept, "block", None)
+        if block is None:
+            vectors, volumes = np.empty((TUV + 1, 3, BLOCK_HITS)), np.empty(BLOCK_HITS)
+            block = _kept.block = cls(vectors, volumes, *np.empty((7, BLOCK_HITS), np.int64))
+        return block
+
+
+_kept = threading.local()
 
 
 def refine_closest(rays: RayRows, arrays: SurfaceArrays, found: NDArray[np.void], hits: RefinedHits) -> None:
@@ -133,7 +141,7 @@ def refine_closest(rays: RayRows, arrays: SurfaceArrays, found: NDArray[np.void]
         primitive's point that is nearest to the ray.
     """
     lanes = np.ascontiguousarray(found).view(np.float32).reshape(-1, found.dtype.itemsize // 4)
-    refine_found(rays, arrays, lanes.view(np.int32), RefineBlock.make(), hits)
+    refine_found(rays, arrays, lanes.view(np.int32), RefineBlock.of_thread(), hits)
 
 
 @compiled(error_model="numpy")
