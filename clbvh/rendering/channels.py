@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh, Shape
 from ..geometry.appearance.srgb import srgb_to_linear
-from ..geometry.smooth_normals import MOST_SMOOTHED, smooth_normals_by_angle
 from ..scene.scene import Scene
 from ..scene.transforms import check_transform
 from ..trace.hits.hits import Hits
@@ -22,6 +20,7 @@ from ..trace.hits.interpolate import group_by_geometry
 from ..trace.hits.surface import Surface
 from ..trace.world.surface_arrays import SurfacePoints
 from .cameras.camera import Camera
+from .look_tables import find_corner_normals
 from .picture import Picture
 
 
@@ -186,9 +185,6 @@ CHANNELS = {
 # The sum of unit vectors is no direction if its square is smaller: they cancel each other.
 _LEAST_SQUARE = 2.0**-40
 
-# The last angle and the smooth normals of meshes that are alive: 36 bytes per face, 0.6 s for a million faces.
-_known: WeakKeyDictionary[Mesh, tuple[float, NDArray[np.float32]]] = WeakKeyDictionary()
-
 
 def find_shading_normals(hits: Hits, shapes: Sequence[Shape], crease_angle: float) -> NDArray[np.float64]:
     """Return (..., 3) float64: unit normals on the side from which the rays came, NaN on a miss.
@@ -204,7 +200,7 @@ def find_shading_normals(hits: Hits, shapes: Sequence[Shape], crease_angle: floa
     """
     normals = np.array(hits.normals(facing=True)).reshape(-1, 3)
     instances = np.asarray(hits.instance_id).reshape(-1)
-    for rows, blended in _blend_corners(hits, shapes, lambda mesh: _find_corner_normals(mesh, float(crease_angle))):
+    for rows, blended in _blend_corners(hits, shapes, lambda mesh: find_corner_normals(mesh, float(crease_angle))):
         squares = np.einsum("ij,ij->i", blended, blended)
         is_direction = squares > _LEAST_SQUARE
         blended /= np.sqrt(np.where(is_direction, squares, 1.0))[:, None]
@@ -229,19 +225,6 @@ def _blend_corners(
             continue
         a, b, c = corners[prims[rows]].astype(np.float64).transpose(1, 0, 2)
         yield rows, a + ((b - a) * us[rows, None] + (c - a) * vs[rows, None])
-
-
-def _find_corner_normals(mesh: Mesh, crease_angle: float) -> NDArray[np.float32] | None:
-    """Return (F, 3, 3) float32: unit normals at the corners of faces; None for a mesh that is not smoothed."""
-    if mesh.appearance is not None and mesh.appearance.normals is not None:
-        return mesh.appearance.normals
-    if mesh.face_count > MOST_SMOOTHED:
-        return None
-    angle, normals = _known.get(mesh, (-1.0, None))
-    if normals is None or angle != crease_angle:
-        normals = smooth_normals_by_angle(mesh, crease_angle)
-        _known[mesh] = crease_angle, normals
-    return normals
 
 
 def find_texture_coordinates(hits: Hits, shapes: Sequence[Shape]) -> NDArray[np.float32]:

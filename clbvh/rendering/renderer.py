@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,6 +41,7 @@ from ..trace.world.world import World
 from .built_scene import BuiltScene
 from .cameras.camera import Camera
 from .cameras.projection import Fisheye
+from .joined_scene import JoinedScenes
 from .kernel_view import is_lit_as_studio, make_kernel_view
 from .open_scene import SceneLike, as_scene
 from .options import RenderOptions
@@ -63,6 +64,14 @@ class _Shown(NamedTuple):
     finder: ViewFinder
     frames: FrameRenderer
     painters: dict[DeviceSession, Painters]
+    joined: JoinedScenes
+
+    @classmethod
+    def make(
+        cls, built: BuiltScene, frames: FrameRenderer, painters: dict[DeviceSession, Painters], options: RenderOptions
+    ) -> Self:
+        """Complete what the scene, the devices and their painters decide."""
+        return cls(built, ViewFinder(built.bounds), frames, painters, JoinedScenes(built, frames, options))
 
 
 class Renderer(ContextManager):
@@ -169,11 +178,12 @@ class Renderer(ContextManager):
             watch.lap("open")
             worlds = [(each, built.put(each)) for each in sessions]
             painters = {each: Painters(each, world, built) for each, world in worlds}
-            self._shown = _Shown(built, ViewFinder(built.bounds), FrameRenderer(*worlds[0], worlds[1:]), painters)
+            self._shown = _Shown.make(built, FrameRenderer(*worlds[0], worlds[1:]), painters, self._options)
             self._moving = threading.Lock()
             watch.lap("layout")
             # So that the first picture takes no longer than the others.
-            for each in painters.values():
+            joined = self._shown.joined.find(self._shown.finder.complete(self.view))
+            for each in (joined or self._shown).painters.values():
                 each.painter(self.view, np.zeros(1, VIEW), Progress(1))
             upload_ms = sum(each.times.sums_ms()["upload"] for each in sessions)
             watch.lap("compile")
@@ -257,7 +267,8 @@ class Renderer(ContextManager):
         watch, enter = Stopwatch(), on_phase or _ignore
         enter("render")
         given = self._find_view(view, changes)
-        built, finder, frames, made_painters = self._shown
+        shown = self._shown
+        built, finder = shown.built, shown.finder
         view = finder.complete(given)
         camera = finder.camera(view)
         is_studio_lit = is_lit_as_studio(view, camera, finder.bounds(view)) and not built.has_lamps
@@ -276,17 +287,21 @@ class Renderer(ContextManager):
             check_memory("the film of the picture", view.width * view.height * _FILM_BYTES, SceneError)
             progress.film = np.empty((view.height, view.width, 4), np.float32)
         times = EventTimes()
-        space, ground = built.space, finder.ground(view, camera)
+        joined = shown.joined.find(view)
+        traced = joined or shown
+        frames, space, ground = traced.frames, traced.built.space, finder.ground(view, camera)
         boxes = built.bounds.box_in(space), ground, finder.bounds(view).box_in(space)
         described = make_kernel_view(view, camera, space, *boxes, is_studio_lit)
         sessions = [each.session for each in frames.caster.working]
-        painters = {each: made_painters[each].painter(view, described, progress) for each in sessions}
+        painters = {each: traced.painters[each].painter(view, described, progress) for each in sessions}
 
         def show(rows: float, height: int) -> None:
             if on_samples is not None:
                 on_samples(round(rows * pixel_samples), height * pixel_samples)
 
         colours, found = frames.render(described, next(iter(painters.values())), times, painters, show, launch_s)
+        if joined is not None:
+            found = joined.as_world_hits(found)
         rgb = np.empty((*found.shape, 3), np.uint8)
         for channel in range(3):  # 14 times as fast as colours[..., :3].copy()
             rgb[..., channel] = colours[..., channel]
@@ -346,7 +361,8 @@ class Renderer(ContextManager):
     def set_transforms(self, instances: Instances, transforms: ArrayLike) -> None:
         """Move instances of the scene: later pictures are those of a new renderer of the moved scene, to the last bit.
 
-        Only the tree over the instances is built anew, and the table of the lights that move.
+        Only the tree over the instances is built anew, and the table of the lights that move; for
+        the shading `path` also the tree over all triangles, of up to a million.
 
         Parameters
         ----------
@@ -384,7 +400,7 @@ class Renderer(ContextManager):
         (216, 440)
         """
         with self._shown.frames.caster.working[0].open_call() as call, self._moving:
-            built, _, frames, painters = self._shown
+            built, _, frames, painters, _ = self._shown
             state = self.scene._move(built.state, instances, transforms)
 
             def move(device: Caster, session: DeviceSession) -> World:
@@ -395,7 +411,7 @@ class Renderer(ContextManager):
             if self._options.validate:
                 built.validate()
             painters = {device.session: painters[device.session].at(world, built) for device, world in moved}
-            self._shown = _Shown(built, ViewFinder(built.bounds), frames.at(caster), painters)
+            self._shown = _Shown.make(built, frames.at(caster), painters, self._options)
             leave_out(caster, failed)
 
     @property
@@ -459,12 +475,12 @@ class Renderer(ContextManager):
     def _twin(self, scene: Scene, view: View) -> Renderer:
         """Return a renderer of the same scene whose end is its own."""
         twin = object.__new__(Renderer)
-        built, finder, frames, painters = self._shown
+        built, _, frames, painters, _ = self._shown
         vars(twin).update(vars(self), scene=scene._at(built.state), view=view, _moving=threading.Lock())
         worlds = {each.session: (each.session.branch(), each.world) for each in frames.caster.working}
         first, *others = worlds.values()
         own = {branch: painters[session] for session, (branch, _) in worlds.items()}
-        twin._shown = _Shown(built, finder, FrameRenderer(*first, others), own)
+        twin._shown = _Shown.make(built, FrameRenderer(*first, others), own, self._options)
         return twin
 
     def _repr_png_(self) -> bytes:
@@ -519,7 +535,7 @@ class Renderer(ContextManager):
         >>> hits.is_hit
         array([ True, False])
         """
-        _, finder, frames, _ = self._shown
+        finder, frames = self._shown.finder, self._shown.frames
         view = finder.complete(self._find_view(view, changes))
         camera, size = finder.camera(view), (view.width, view.height)
         origins, directions = camera.rays_at(pixels, *size)

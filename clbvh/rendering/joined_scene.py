@@ -1,0 +1,153 @@
+"""One mesh in the place of a scene's instances, for the shading `path`.
+
+A path has no beam of neighbours that finds its instances with it, so that each of its rays goes through the tree over
+the instances, and into each instance whose box it meets. In one tree over all triangles, paths take half the time.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..device.session import DeviceSession
+from ..geometry import Mesh
+from ..geometry.appearance.appearance import Appearance
+from ..geometry.appearance.material import Material
+from ..geometry.loading.file_mesh import FileMesh
+from ..geometry.loading.file_parts import FileNode, FileParts, join_nodes
+from ..scene.scene import Scene
+from ..structs import HIT, NO_PRIM, WORLD_HIT
+from ..trace.world.trees import BRUTE
+from .built_scene import BuiltScene
+from .look_tables import find_corner_normals, has_whole_colours
+from .options import RenderOptions
+from .painters import FrameRenderer, Painters
+from .view import View
+
+# Of a joined mesh: its tree is built anew where instances move, in less than a second.
+_MOST_TRIANGLES = 2**20
+
+# An instance that is smaller than this share of the scene would lose by the float32 of the scene's coordinates.
+_LEAST_SIZE = 2.0**-10
+
+
+@dataclass(frozen=True)
+class JoinedScene:
+    """The mesh of all instances on the devices.
+
+    Attributes
+    ----------
+    built : BuiltScene
+        Of the mesh.
+    frames : FrameRenderer
+        On the devices of the scene.
+    painters : dict of DeviceSession to Painters
+    first_prims : (n,) int64
+        The first triangle of each instance.
+    scale : float
+        Local units of the scene's hits in one of the mesh.
+    """
+
+    built: BuiltScene
+    frames: FrameRenderer
+    painters: dict[DeviceSession, Painters]
+    first_prims: NDArray[np.int64]
+    scale: float
+
+    @classmethod
+    def make(cls, scene: BuiltScene, frames: FrameRenderer, view: View, options: RenderOptions) -> Self:
+        """Join the instances of a scene, and put the mesh on its devices."""
+        built = BuiltScene(Scene(join_instances(scene, view)).snapshot(), options)
+        devices = frames.caster.working
+        worlds = [(each.session, built.put(each.session)) for each in devices]
+        first, *others = (device.at(world) for device, (_, world) in zip(devices, worlds, strict=True))
+        counts = [scene.state.shapes[geometry].prim_count for geometry in scene.state.geometry_ids]
+        return cls(
+            built,
+            frames.at(first.beside(others)),
+            {session: Painters(session, world, built) for session, world in worlds},
+            np.cumsum([0, *counts[:-1]]),
+            float(scene.space.scale / built.space.scale),
+        )
+
+    def as_world_hits(self, found: NDArray[np.void]) -> NDArray[np.void]:
+        """Return hits of the mesh, `structs.HIT`, as those of the scene, `structs.WORLD_HIT`."""
+        hits = np.empty(found.shape, WORLD_HIT)
+        for name in HIT.names:  # type: ignore[union-attr]
+            hits[name] = found[name]
+        is_hit = found["prim_id"] != NO_PRIM
+        instances = np.searchsorted(self.first_prims, found["prim_id"], side="right") - 1
+        hits["instance_id"] = np.where(is_hit, instances, NO_PRIM)
+        hits["prim_id"] -= np.where(is_hit, self.first_prims[instances], 0).astype(np.int32)
+        hits["t"] *= np.float32(self.scale)
+        hits["t_inside"] = hits["t"]
+        return hits
+
+
+class JoinedScenes:
+    """Joins the instances of a scene when a view first needs it; from any number of threads.
+
+    Parameters
+    ----------
+    scene : BuiltScene
+    frames : FrameRenderer
+    options : RenderOptions
+    """
+
+    def __init__(self, scene: BuiltScene, frames: FrameRenderer, options: RenderOptions) -> None:
+        self._scene, self._frames, self._options = scene, frames, options
+        self._lock = threading.Lock()
+        self._known: tuple[Any, JoinedScene | None] = ((), None)
+
+    def find(self, view: View) -> JoinedScene | None:
+        """Return the joined scene of a view; None where the instances stay as they are."""
+        if view.shading != "path" or self._scene.top is None or self._options.builder == BRUTE:
+            return None
+        with self._lock:
+            key = view.smooth, view.surface  # what the looks of a mesh depend on
+            if self._known[0] != key:
+                is_joined = can_join(self._scene)
+                made = JoinedScene.make(self._scene, self._frames, view, self._options) if is_joined else None
+                self._known = key, made
+            return self._known[1]
+
+
+def can_join(scene: BuiltScene) -> bool:
+    """Return whether one mesh shows what the instances of a scene show."""
+    state = scene.state
+    placed = [state.shapes[geometry] for geometry in np.unique(state.geometry_ids)]
+    if state.placed_prim_count > _MOST_TRIANGLES or not state.masks.all():
+        return False
+    # The light of a shape is drawn if no corner of it is transparent, see `find_lights`.
+    if not all(isinstance(shape, Mesh) and has_whole_colours(shape.appearance) for shape in placed):
+        return False
+    lower, upper = scene.bounds.instance_boxes()
+    is_fine = (upper - lower).max(axis=1).min() >= _LEAST_SIZE * (upper.max(axis=0) - lower.min(axis=0)).max()
+    # A mirrored triangle would have its corners turned round, and with them u and v of its hits.
+    return bool(is_fine and (np.linalg.det(state.transforms[:, :3, :3]) > 0).all())
+
+
+def join_instances(scene: BuiltScene, view: View) -> Mesh:
+    """Return the triangles of all instances as one mesh, one instance after the other, in the scene's coordinates."""
+    shapes, shape_ids, colours = scene.looks
+    # Where one mesh is smooth, all have normals at their corners.
+    normals = [find_corner_normals(shape, view.smooth) if isinstance(shape, Mesh) else None for shape in shapes]
+    meshes, nodes = [], []
+    for number, (shape_id, colour) in enumerate(zip(shape_ids.tolist(), colours, strict=True)):
+        shape = shapes[shape_id]
+        assert isinstance(shape, Mesh)
+        looks = shape.appearance or Appearance()
+        materials = looks.materials or (Material(base_colour=view.surface),)
+        if not np.isnan(colour).any():
+            own = tuple(colour.tolist())
+            materials = tuple(replace(each, base_colour=own, base_colour_texture=None) for each in materials)
+            looks = replace(looks, colours=None)
+        looks = replace(looks, materials=materials, normals=normals[shape_id])
+        meshes.append(FileMesh("", shape.vertices, shape.faces, looks))
+        nodes.append(FileNode(str(number), number, scene.state.transforms[number]))
+    joined = join_nodes(FileParts(meshes, nodes))
+    return Mesh.from_arrays(joined.vertices, joined.faces, appearance=joined.appearance)
