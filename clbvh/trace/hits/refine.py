@@ -52,6 +52,9 @@ DIRECTION, CORNER, AB, AC, TUV = range(5)
 
 _SPHERES = PRIM_KINDS["spheres"]
 
+# The block of each thread.
+_kept = threading.local()
+
 
 class RefinedHits(NamedTuple):
     """Where refined hits go, one element for each hit; see `Hits`.
@@ -115,15 +118,15 @@ class RefineBlock(NamedTuple):
 
     @classmethod
     def of_thread(cls) -> RefineBlock:
-        """Return the memory of the calling thread: to make it takes a tenth of a call with one ray."""
+        """Return the memory of the calling thread: to make it takes a tenth of a call with one ray.
+
+        Made here and not in a compiled loop, since numba takes long to compile that.
+        """
         block: RefineBlock | None = getattr(_kept, "block", None)
         if block is None:
             vectors, volumes = np.empty((TUV + 1, 3, BLOCK_HITS)), np.empty(BLOCK_HITS)
             block = _kept.block = cls(vectors, volumes, *np.empty((7, BLOCK_HITS), np.int64))
         return block
-
-
-_kept = threading.local()
 
 
 def refine_closest(rays: RayRows, arrays: SurfaceArrays, found: NDArray[np.void], hits: RefinedHits) -> None:
