@@ -4,10 +4,13 @@ Imports nothing: the command line's help reads them.
 """
 
 # Values of `view.shading`.
-SHADINGS = {"lambert": 0, "lambert+shadow": 1, "normal": 2, "depth": 3, "studio": 4, "ao": 5, "path": 6}
+SHADINGS = {"lambert": 0, "lambert+shadow": 1, "normal": 2, "depth": 3, "studio": 4, "ao": 5, "path": 6, "albedo": 7}
 
 # The shadings of the report, with one ray through the centre of each pixel. The others take samples.
 REPORT_SHADINGS = ("lambert", "lambert+shadow", "normal", "depth")
+
+# Those whose samples are noisy.
+LIT_SHADINGS = ("studio", "ao", "path")
 
 # How linear light becomes a colour from 0 to 1, before the encoding as sRGB.
 TONE_CURVES = {"linear": 0, "filmic": 1}

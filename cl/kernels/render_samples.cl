@@ -9,8 +9,8 @@
 //                             it has CELL_PIXELS of them for each of (row_count + 2) * (width + 2) cells
 // hits[row_count * width]     written with sample 0, which is the centre of the pixel: t in local units
 //
-// SHADING: the shading's number, one of SHADE_STUDIO, SHADE_AO and SHADE_PATH. HAS_CUTOUTS: see film/stage.cl.
-// HAS_CUT: see world/cut.cl. HAS_WIREFRAME: see film/wireframe.cl. HAS_GROUND: see film/path.cl.
+// SHADING: the shading's number, one of SHADE_STUDIO, SHADE_AO, SHADE_ALBEDO and SHADE_PATH. HAS_CUTOUTS: see
+// film/stage.cl. HAS_CUT: see world/cut.cl. HAS_WIREFRAME: see film/wireframe.cl. HAS_GROUND: see film/path.cl.
 //
 // Work-items: (width, row_count), or cells, rounded up to tiles. The samples of a pixel are added one by one, in the
 // order of their numbers, so that the film does not depend on bands or on how many samples a launch takes.
@@ -31,6 +31,8 @@
 #include "film/path.cl"
 #elif SHADING == SHADE_AO
 #include "film/ao.cl"
+#elif SHADING == SHADE_ALBEDO
+#include "film/albedo.cl"
 #else
 #include "film/studio.cl"
 #endif

@@ -202,6 +202,36 @@ class FrameRenderer:
         cast_ranges(self.caster, height, paint, on_rows, least=least, find_step=lambda: tile_rows)  # type: ignore[arg-type]
         return colours, hits
 
+    def develop(self, view: NDArray[np.void], film: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """Return the colours of a film, (height, width, 4) uint8; see cl/kernels/develop.cl.
+
+        Parameters
+        ----------
+        view : (1,) `structs.VIEW`
+        film : (height, width, 4) float32
+            Means of samples.
+        """
+        height, width = film.shape[:2]
+        colours = np.empty((height, width, _CHANNELS), np.uint8)
+        with self.caster.working[0].open_call() as call:
+            session = call.session
+            kernel = build_kernel(session, _DEVELOP)
+            band_rows = min(height, max(1, session.fit_items(_FILM_BYTES, BAND_PIXELS) // width))
+            sizes = {
+                "view": VIEW.itemsize,
+                "film": band_rows * width * _FILM_BYTES,
+                "colours": band_rows * width * _CHANNELS,
+            }
+            buffers = {name: call.memory.buffer(name, for_mapping=False).take(size) for name, size in sizes.items()}
+            session.write(buffers["view"], view)
+            for first_row in range(0, height, band_rows):
+                rows = film[first_row : first_row + band_rows]
+                session.write(buffers["film"], rows)
+                counts = {"row_count": np.int32(len(rows)), "sample_count": np.int32(1)}
+                session.run(kernel, (width, len(rows)), session.settings.tile, **buffers, **counts)
+                session.download(buffers["colours"], colours[first_row : first_row + band_rows])
+        return colours
+
 
 def _render_bands(
     call: Call, view: NDArray[np.void], painter: Any, rows: range, band_rows: int, colours: NDArray[Any],
@@ -339,6 +369,8 @@ class Progress:
         Samples of each pixel that were taken, by the first row of the band.
     film : (height, width, 4) float32, or None
         Is filled with the means of the samples: linear red, green and blue, and the share that is covered.
+    is_apart : bool
+        Whether the pixels of ``"path"`` share no samples, so that the noise of each is its own; see `denoise`.
     launch_s : float
         Time of one launch, at about which the next number of samples is chosen.
     """
@@ -348,6 +380,7 @@ class Progress:
     is_stopped: Callable[[], bool] = lambda: False
     of_bands: dict[int, int] = field(default_factory=dict)
     film: NDArray[np.float32] | None = None
+    is_apart: bool = False
     launch_s: float = LAUNCH_S
 
     @property
@@ -364,7 +397,7 @@ class _SampleShading:
     session : DeviceSession
     world : World
     shading : str
-        ``"studio"``, ``"ao"`` or ``"path"``.
+        ``"studio"``, ``"ao"``, ``"path"`` or ``"albedo"``.
     parts : mapping of str to int
         Macros of the parts of the kernel that views need: those of `NO_PARTS`, and HAS_CUTOUTS, HAS_NORMAL_MAPS and
         HAS_GROUND.
@@ -420,7 +453,10 @@ class SamplePainter:
             cells = band.take("cells", CELL_PIXELS * columns * rows * _FILM_BYTES)
             taken, launch_s = self._take_samples(band, (columns, rows), {**arguments, **AT_THE_ROOT, "film": cells})
             width, row_count = map(np.int32, size)
-            band.run(shading.join_cells, size, shading.tile, cells=cells, width=width, row_count=row_count, film=film)
+            band.run(
+                shading.join_cells, size, shading.tile, cells=cells, width=width, row_count=row_count,
+                is_apart=np.int32(self.progress.is_apart), film=film,
+            )  # fmt: skip
         else:
             taken, launch_s = self._take_samples(
                 band, size, {**arguments, **shading.entry_points.find(band), "film": film}

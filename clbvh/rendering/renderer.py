@@ -14,10 +14,10 @@ from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..bvh import Bvh
-from ..choices import DEFAULT_CHANNELS, REPORT_SHADINGS, STANDARD_VIEWS
+from ..choices import DEFAULT_CHANNELS, LIT_SHADINGS, REPORT_SHADINGS, STANDARD_VIEWS
 from ..device.context import EventTimes, check_process
 from ..device.info import DeviceInfo
 from ..device.select import choose_devices
@@ -41,12 +41,12 @@ from ..trace.world.world import World
 from .built_scene import BuiltScene
 from .cameras.camera import Camera
 from .cameras.projection import Fisheye
-from .joined_scene import JoinedScenes
+from .joined_scene import JoinedScene, JoinedScenes
 from .kernel_view import is_lit_as_studio, make_kernel_view
 from .open_scene import SceneLike, as_scene
 from .options import RenderOptions
 from .painters import LAUNCH_S, FrameRenderer, Painters, Progress, open_session
-from .picture import Picture
+from .picture import Picture, refine_pixels
 from .view import MAX_SAMPLES, View
 from .view_finder import ViewFinder
 
@@ -283,7 +283,15 @@ class Renderer(ContextManager):
         limit_s = np.inf if time_limit_s is None else float(time_limit_s)
         count = view.sample_count if has_end else MAX_SAMPLES
         progress, pixel_samples = Progress(count, limit_s, is_stopped or bool, launch_s=launch_s), view.width * count
-        if keeps_film and view.shading not in REPORT_SHADINGS:
+        is_denoised = view.denoise and view.shading in LIT_SHADINGS
+        if is_denoised:
+            # Few pictures need these.
+            from .channels import find_shading_normals
+            from .denoise import import_denoiser
+
+            import_denoiser()
+        progress.is_apart = is_denoised
+        if (keeps_film or is_denoised) and view.shading not in REPORT_SHADINGS:
             check_memory("the film of the picture", view.width * view.height * _FILM_BYTES, SceneError)
             progress.film = np.empty((view.height, view.width, 4), np.float32)
         times = EventTimes()
@@ -302,6 +310,11 @@ class Renderer(ContextManager):
         colours, found = frames.render(described, next(iter(painters.values())), times, painters, show, launch_s)
         if joined is not None:
             found = joined.as_world_hits(found)
+        if is_denoised:
+            assert progress.film is not None
+            hits = refine_pixels(built.surface, camera, found)
+            normals = find_shading_normals(hits, built.state.shapes, view.smooth)
+            colours = self._denoise(progress.film, normals, view, described, traced)
         rgb = np.empty((*found.shape, 3), np.uint8)
         for channel in range(3):  # 14 times as fast as colours[..., :3].copy()
             rgb[..., channel] = colours[..., channel]
@@ -309,7 +322,7 @@ class Renderer(ContextManager):
         picture = Picture(
             rgb=rgb,
             alpha=colours[..., 3].copy(),
-            film=progress.film,
+            film=progress.film if keeps_film else None,
             samples=progress.taken,
             is_transparent=view.transparent,
             cut=view.cut,
@@ -330,6 +343,22 @@ class Renderer(ContextManager):
 
         enter("validate")
         return check_pixels(picture)
+
+    def _denoise(
+        self, film: NDArray[np.float32], normals: NDArray[np.float64], view: View, described: NDArray[np.void],
+        traced: _Shown | JoinedScene,
+    ) -> NDArray[np.uint8]:  # fmt: skip
+        """Take the noise out of a film of the picture of a view, in place; return its colours."""
+        from .denoise import GUIDE_SAMPLES, denoise_film
+
+        guide = Progress(GUIDE_SAMPLES, film=np.empty_like(film))
+        plain, frames = replace(view, shading="albedo"), traced.frames
+        sessions = [each.session for each in frames.caster.working]
+        painters = {each: traced.painters[each].painter(plain, described, guide) for each in sessions}
+        frames.render(described, next(iter(painters.values())), None, painters)
+        assert guide.film is not None
+        denoise_film(film, guide.film, normals)
+        return frames.develop(described, film)
 
     def images(
         self,

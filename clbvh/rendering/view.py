@@ -36,7 +36,7 @@ DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
 
 # Enough for edges without steps and for soft shadows with little noise: 0.6 s for 800 x 450 on a 2-core x86-64 server.
-_DEFAULT_SAMPLES = {"studio": 16, "ao": 16, "path": 64}
+_DEFAULT_SAMPLES = {"studio": 16, "ao": 16, "path": 64, "albedo": 16}
 
 # More would leave the numbers of the sample points.
 MAX_SAMPLES = 2**24
@@ -195,12 +195,16 @@ class View:
     environment_strength : float
         Factor of its light.
     shading : str
-        ``studio``, ``ao`` and ``path`` take samples; ``lambert``, ``lambert+shadow``, ``normal`` and ``depth`` cast one
-        ray through the centre of each pixel. ``path`` begins with the light, the ground and the tone curve of
-        ``studio`` unless a `light`, a `background`, an `environment` or a material that emits light is given, or the
-        eye is among the objects.
+        ``studio``, ``ao``, ``path`` and ``albedo`` take samples; ``lambert``, ``lambert+shadow``, ``normal`` and
+        ``depth`` cast one ray through the centre of each pixel. ``albedo`` shows base colours alone. ``path`` begins
+        with the light, the ground and the tone curve of ``studio`` unless a `light`, a `background`, an `environment`
+        or a material that emits light is given, or the eye is among the objects.
     samples : int, or None
         Of each pixel, for the shadings with samples. None: 16, for ``path`` 64.
+    denoise : bool
+        Whether the noise of ``studio``, ``ao`` and ``path`` is taken out, by Intel's Open Image Denoise: it keeps the
+        edges and textures that base colours and normals show, and smooths what is seen in mirrors and glass. Needs
+        pyoidn.
     seed : int
         Of the sample points. Equal seeds give equal pictures.
     max_bounces : int
@@ -298,11 +302,19 @@ class View:
     environment_strength: float = setting(1.0, "Factor of its light.", number(0, _MAX_STRENGTH), LIGHT)
 
     shading: str = setting(
-        "studio", "studio, ao and path take samples; the others cast one ray for each pixel.", one_of(SHADINGS), SHADING
+        "studio",
+        "studio, ao, path and albedo take samples; the others cast one ray for each pixel.",
+        one_of(SHADINGS),
+        SHADING,
     )
     samples: int | None = setting(
-        None, "Rays through each pixel, for studio, ao and path.", whole(1, MAX_SAMPLES), SHADING, shown="16, 16 and 64"
+        None,
+        "Rays through each pixel, for studio, ao, path and albedo.",
+        whole(1, MAX_SAMPLES),
+        SHADING,
+        shown="16; 64 for path",
     )
+    denoise: bool = setting(False, "Take the noise of studio, ao and path out (needs pyoidn).", flag(), SHADING)
     seed: int = setting(0, "Of the sample points.", whole(0, 2**32 - 1), SHADING)
     max_bounces: int = setting(12, "Reflections after which a path ends.", whole(0, 1000), SHADING)
     smooth: float = setting(

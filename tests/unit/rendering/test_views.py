@@ -40,6 +40,7 @@ CASES = {
     "environment": ([("sky.hdr", clbvh.EnvironmentMap("sky.hdr"))], ["sky.png", 5, [[1]]]),
     "environment_rotation": ([(-720, -720.0)], NUMBER), "environment_strength": ([(0, 0.0)], [-1, 1e11, *NUMBER]),
     "shading": ([("lambert+shadow", "lambert+shadow")], ["phong", [], None]),
+    "denoise": ([(True, True)], [None, 1, "yes"]),
     "samples": ([(np.int64(7), 7), (None, None)], [0, 2**24 + 1, 1.5, "4", True]),
     "seed": ([(2**32 - 1, 2**32 - 1)], [-1, 2**32, 0.5]), "max_bounces": ([(0, 0)], [-1, 1001, None]),
     "smooth": ([(180, 180.0)], [-1, 181, *NUMBER]), "ground": ([(False, False), (None, None)], [1, "yes"]),
@@ -80,7 +81,7 @@ def test_each_setting_keeps_a_value_in_one_form_and_refuses_others():
 
 def test_the_default_samples_and_curve_depend_on_the_shading():
     found = {shading: (View(shading=shading).sample_count, View(shading=shading).curve) for shading in SHADINGS}
-    expected = {"studio": (16, "linear"), "ao": (16, "linear"), "path": (64, "filmic")}
+    expected = {"studio": (16, "linear"), "ao": (16, "linear"), "path": (64, "filmic"), "albedo": (16, "linear")}
     assert found == {shading: expected.get(shading, (1, "linear")) for shading in SHADINGS}
 
 
