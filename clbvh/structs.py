@@ -426,8 +426,12 @@ LIGHT = np.dtype(
         ("radius", "f4"),
         ("ab", "f4", 3),
         ("ac", "f4", 3),
+        # A unit vector, on either side.
+        ("normal", "f4", 3),
         # Linear.
         ("emission", "f4", 3),
+        # With which a point of the primitive is drawn, of those of all emitting primitives, per area.
+        ("density", "f4"),
     ]
 )
 
@@ -482,6 +486,9 @@ DEVICE_STRUCTS = {
 
 NO_PRIM = -1
 
+# In the place of the normal at the first corner of a face whose corners have the face's own normal: no packed one.
+FLAT_FACE = 0xFFFFFFFF
+
 # What a texture shows beyond its edges.
 TEXTURE_WRAPS = {"repeat": 0, "clamp": 1, "mirror": 2}
 
@@ -513,6 +520,7 @@ CELL_PIXELS = 9
 DEVICE_CONSTANTS = {
     "CELL_PIXELS": CELL_PIXELS,
     "NO_PRIM": NO_PRIM,
+    "FLAT_FACE": FLAT_FACE,
     "SHARED_HEADER": SHARED_HEADER,
     "SHARED_VERTEX_BITS": SHARED_VERTEX_BITS,
     "FAR_RADII": FAR_RADII,

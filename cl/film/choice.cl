@@ -10,8 +10,9 @@
 // A fixed-point number from 0 to just below 1 times a count: the integer part, and in *rest the fraction.
 INLINED uint split_product(const uint sample, const uint count, uint *rest)
 {
-    *rest = sample * count;
-    return mul_hi(sample, count);
+    const ulong product = (ulong)sample * count;
+    *rest = (uint)product;
+    return (uint)(product >> 32);
 }
 
 // `sample` is a fixed-point number from 0 to just below 1, evenly distributed. Among a million things, its fraction has
@@ -20,7 +21,7 @@ INLINED int choose(const global light_choice_t *choices, const uint count, const
 {
     uint fraction;
     uint index = split_product(sample, count, &fraction);
-    const uint following = mul_hi(more, count);
+    const uint following = (uint)((ulong)more * count >> 32);
     fraction += following;
     // A carry; the sum is less than `count` as a whole.
     index += fraction < following ? 1u : 0u;

@@ -135,34 +135,35 @@ INLINED float environment_density(const lights_t *lights, const global view_t *v
     return pixel_density(lights, view, column, row, level);
 }
 
-// The density with which sample_light finds a point of an emitting triangle, per solid angle.
+// The density with which sample_light finds a point of an emitting triangle, per solid angle; `per_area` is that of
+// emitting primitives.
 INLINED float emitter_density(
-    const global view_t *view, const float3 emission, const float distance_squared, const float cosine)
+    const global view_t *view, const float per_area, const float distance_squared, const float cosine)
 {
-    return source_share(view) * luminance(emission) / view->light_power * distance_squared / larger(cosine, 1e-8f);
+    return source_share(view) * per_area * distance_squared / larger(cosine, 1e-8f);
 }
 
 // The probability with which sample_light chooses an emitting sphere.
-INLINED float sphere_share(const global view_t *view, const float3 emission, const float radius)
+INLINED float sphere_share(const global view_t *view, const float per_area, const float radius)
 {
-    return source_share(view) * luminance(emission) / view->light_power * (4.0f * PI * radius * radius);
+    return source_share(view) * per_area * (4.0f * PI * radius * radius);
 }
 
 // The density with which sample_light finds the point of an emitting primitive that a ray has met; `way` is from its
 // origin.
 INLINED float found_emitter_density(const global view_t *view, const shown_t *shown, const float3 way)
 {
-    const float3 emission = shown->appearance.emission;
+    const float per_area = luminance(shown->appearance.emission) / view->light_power;
     const float3 normal = shown->surface.normal;
 #if HAS_SPHERES
     const float radius = shown->surface.sphere_radius;
     if (radius > 0.0f) {
         const float3 outward = shown->surface.is_back ? -normal : normal;
-        return sphere_share(view, emission, radius) * sphere_lamp_density(radius, way, outward);
+        return sphere_share(view, per_area, radius) * sphere_lamp_density(radius, way, outward);
     }
 #endif
     const float squared = dot_product(way, way);
-    return emitter_density(view, emission, squared, -dot_product(normal, way) / square_root(squared));
+    return emitter_density(view, per_area, squared, -dot_product(normal, way) / square_root(squared));
 }
 
 INLINED bool sample_emitter(
@@ -175,15 +176,14 @@ INLINED bool sample_emitter(
         const float3 radiance = load3(light->emission);
         const float density = sample_sphere_lamp(
             load3(light->a) - from, light->radius, sample, &found->direction, &found->distance);
-        found->density = sphere_share(view, radiance, light->radius) * density;
+        found->density = sphere_share(view, light->density, light->radius) * density;
         found->radiance = radiance / found->density;
         return density > 0.0f;
     }
 #endif
     const float root = square_root(sample.x);
-    const float3 ab = load3(light->ab);
-    const float3 ac = load3(light->ac);
-    const float3 point = load3(light->a) + (1.0f - root) * ab + root * sample.y * ac;
+    const float3 point =
+        load3(light->a) + (1.0f - root) * load3(light->ab) + root * sample.y * load3(light->ac);
     const float3 way = point - from;
     const float distance_squared = dot_product(way, way);
     if (!(distance_squared > 0.0f)) {
@@ -192,13 +192,12 @@ INLINED bool sample_emitter(
     found->distance = square_root(distance_squared);
     found->direction = way / found->distance;
     // It shines to both sides.
-    const float cosine = absolute(dot_product(normal_of_edges(ab, ac), found->direction));
+    const float cosine = absolute(dot_product(load3(light->normal), found->direction));
     if (!(cosine > 0.0f)) {
         return false;
     }
-    const float3 emission = load3(light->emission);
-    found->density = emitter_density(view, emission, distance_squared, cosine);
-    found->radiance = emission / found->density;
+    found->density = emitter_density(view, light->density, distance_squared, cosine);
+    found->radiance = load3(light->emission) / found->density;
     return true;
 }
 
@@ -231,17 +230,15 @@ INLINED bool sample_environment(
     return found->density > 0.0f;
 }
 
-// Draws a direction to light. Returns whether there is any.
+// Draws a direction to light, by fixed-point numbers for the choice and for the bits that it takes, and by a point for
+// the place on the light. Returns whether there is any.
 INLINED bool sample_light(
-    const lights_t *lights, const global view_t *view, const float3 from, sobol_sampler_t *sampler,
-    light_sample_t *found)
+    const lights_t *lights, const global view_t *view, const float3 from, const uint bits, const uint more,
+    const float2 sample, light_sample_t *found)
 {
     const int count = source_count(view);
     uint choice;
-    int source = split_product(sample_bits(sampler), count, &choice);
-    // The bits that the choice of the source and that of a lamp take are replaced by those of a hash.
-    const uint more = hash_with_seed(sampler->index, sampler->seed + sampler->dimension);
-    const float2 sample = sample_2d(sampler);
+    int source = split_product(bits, count, &choice);
     if (count == 0) {
         return false;
     }

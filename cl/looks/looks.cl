@@ -4,7 +4,8 @@
 // looks[instance_count]          look_t by instance_id; a mesh without a scene has one
 // corner_normals[], corner_colours[]      uint for each corner: a unit vector, see decode_normal; red, green, blue and
 //                                alpha, 8 bits each, sRGB. Among the normals are tangents, the direction in which u
-//                                grows, with 1 in the lowest bit where the texture is mirrored
+//                                grows, with 1 in the lowest bit where the texture is mirrored; and FLAT_FACE for the
+//                                first corner of a face whose corners have its own normal
 // corner_uvs[]                   float2 for each corner
 // material_ids[]                 int for each primitive
 // materials[], textures[]        material_t, texture_t
@@ -120,6 +121,9 @@ INLINED void find_normals(
         return;
     }
     const global uint *corners = looks->corner_normals + look->first_normal + 3 * surface->prim_id;
+    if (corners[0] == FLAT_FACE) {
+        return;
+    }
     const float sign = surface->is_back ? -1.0f : 1.0f;
     const float3 at_corner[3] = {
         sign * decode_normal(corners[0]), sign * decode_normal(corners[1]), sign * decode_normal(corners[2])};
@@ -129,7 +133,7 @@ INLINED void find_normals(
     found->smooth_normal = turn_to_eye(unit_vector(place_normal(world, search, own)), surface, direction);
     found->normal = found->smooth_normal;
     for (int corner = 0; corner < 3; corner++) {
-        const float3 placed = unit_vector(place_normal(world, search, at_corner[corner]));
+        const float3 placed = place_unit_normal(world, search, at_corner[corner]);
         found->coat_cosine = larger(found->coat_cosine, -dot_product(placed, direction));
     }
 #if HAS_NORMAL_MAPS

@@ -41,6 +41,12 @@ INLINED float3 unit_vector(const float3 v)
 // product of two edges of a tiny or huge triangle would leave float32.
 INLINED float3 normal_of_edges(const float3 ab, const float3 ac)
 {
+    const float3 normal = cross_product(ab, ac);
+    const float length_squared = dot_product(normal, normal);
+    // Powers of two do not change the result.
+    if (length_squared > 1e-24f && length_squared < 1e24f) {
+        return normal / square_root(length_squared);
+    }
     return unit_vector(cross_product(unit_scale(ab) * ab, unit_scale(ac) * ac));
 }
 

@@ -47,13 +47,6 @@ INLINED float sample_1d(sobol_sampler_t *sampler)
     return as_unit_float(sample_bits(sampler));
 }
 
-// Passes by a dimension that is not needed, so that those after it stay as they are; returns 0.
-INLINED float skip_1d(sobol_sampler_t *sampler)
-{
-    sampler->dimension++;
-    return 0.0f;
-}
-
 // The next two dimensions, in [0, 1) each.
 INLINED float2 sample_2d(sobol_sampler_t *sampler)
 {
@@ -62,4 +55,21 @@ INLINED float2 sample_2d(sobol_sampler_t *sampler)
     const uint first = reverse_bits(scramble_reversed(index, hash_number(seed ^ 1u)));
     const uint second = reverse_bits(scramble_reversed(sobol_second_reversed(index), hash_number(seed ^ 2u)));
     return (float2)(as_unit_float(first), as_unit_float(second));
+}
+
+// Pairs of dimensions that sample_pairs draws at once.
+#define PAIR_COUNT 4
+
+// The next eight dimensions, as fixed-point numbers; the pairs are those of sample_2d.
+INLINED void sample_pairs(sobol_sampler_t *sampler, uint numbers[2 * PAIR_COUNT])
+{
+    // Compilers for CPUs compute all rounds of the loop at once, in vectors.
+    for (uint number = 0; number < 2 * PAIR_COUNT; number++) {
+        const bool is_second = number & 1u;
+        const uint seed = hash_with_seed(sampler->dimension + number / 2, sampler->seed);
+        const uint index = scramble(sampler->index, seed);
+        const uint point = is_second ? sobol_second_reversed(index) : index;
+        numbers[number] = reverse_bits(scramble_reversed(point, hash_number(seed ^ (is_second ? 2u : 1u))));
+    }
+    sampler->dimension += PAIR_COUNT;
 }

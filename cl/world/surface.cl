@@ -74,6 +74,11 @@ INLINED float3 place_normal(const world_t *world, const search_t *search, const 
     return normal;
 }
 
+INLINED float3 place_unit_normal(const world_t *world, const search_t *search, const float3 normal)
+{
+    return normal;
+}
+
 INLINED float3 place_vector(const world_t *world, const search_t *search, const float3 vector)
 {
     return vector;
@@ -114,6 +119,11 @@ INLINED float3 place_normal(const world_t *world, const search_t *search, const 
     const global instance_t *instance = world->instances + search->instance_index;
     return normal.x * load3(instance->to_object[0]) + normal.y * load3(instance->to_object[1])
         + normal.z * load3(instance->to_object[2]);
+}
+
+INLINED float3 place_unit_normal(const world_t *world, const search_t *search, const float3 normal)
+{
+    return unit_vector(place_normal(world, search, normal));
 }
 
 INLINED float3 place_vector(const world_t *world, const search_t *search, const float3 vector)

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry import Mesh
-from ..geometry.appearance.appearance import Appearance
+from ..geometry.appearance.appearance import Appearance, find_flat_normals
 from ..geometry.appearance.material import OPAQUE, Material, Texture
 from ..geometry.appearance.srgb import srgb_to_linear
 from ..geometry.smooth_normals import MOST_SMOOTHED, find_tangents, smooth_normals_by_angle
 from ..geometry.spheres import Shape
 from ..layouts.pack_normals import pack_normals, pack_tangents
-from ..structs import LIGHT, LIGHT_CHOICE, LOOK, MATERIAL, TEXTURE, TEXTURE_WRAPS
+from ..structs import FLAT_FACE, LIGHT, LIGHT_CHOICE, LOOK, MATERIAL, TEXTURE, TEXTURE_WRAPS
 
 # Weights of linear red, green and blue in the luminance (ITU-R BT.709).
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -108,8 +108,10 @@ def make_light_tables(
     lights, areas = map(np.concatenate, zip((np.zeros(0, LIGHT), np.zeros(0)), *listed, strict=True))
     if len(lights) > _MOST_LIGHTS:
         raise SceneError(f"{len(lights):,} primitives emit light, and there is room for {_MOST_LIGHTS:,}")
-    powers = areas * (lights["emission"].astype(np.float64) @ LUMINANCE)
+    luminances = lights["emission"].astype(np.float64) @ LUMINANCE
+    powers = areas * luminances
     power = float(powers.sum())
+    lights["density"] = luminances / power if power > 0 else 0
     # A table without rows still needs a buffer.
     arrays = {
         "lights": lights if len(lights) else np.zeros(1, LIGHT),
@@ -130,8 +132,11 @@ def _list_lights(shape: Shape, place: NDArray[np.float64]) -> tuple[NDArray[np.v
     if isinstance(shape, Mesh):
         corners = shape.vertices[shape.faces[chosen]] @ linear.T + shift
         ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        normals = np.cross(ab, ac)
+        doubled_areas = np.linalg.norm(normals, axis=1)
         lights["a"], lights["ab"], lights["ac"] = corners[:, 0], ab, ac
-        return lights, np.linalg.norm(np.cross(ab, ac), axis=1) / 2
+        lights["normal"] = normals / np.maximum(doubled_areas, np.finfo(float).tiny)[:, None]
+        return lights, doubled_areas / 2
     radii = shape.radii[chosen] * np.cbrt(abs(np.linalg.det(linear)))
     lights["a"], lights["radius"] = shape.centres[chosen] @ linear.T + shift, radii
     return lights, 4 * np.pi * radii**2
@@ -303,9 +308,14 @@ class _Tables:
         def find() -> NDArray[np.float32]:
             return smooth_normals_by_angle(mesh, self._crease_angle) if given is None else given
 
-        source = mesh.local_vertices if given is None else given
-        row["first_normal"] = self._share("corner_normals", source, lambda: pack_normals(find().reshape(-1, _CORNERS)))
-        if uvs is not None:
+        def pack() -> NDArray[np.uint32]:
+            return pack_normals(find().reshape(-1, _CORNERS))
+
+        if uvs is None:
+            source = mesh.local_vertices if given is None else given
+            row["first_normal"] = self._share("corner_normals", source, lambda: _mark_flat_faces(pack(), mesh))
+        else:
+            row["first_normal"] = self._append("corner_normals", pack())
             tangents = find_tangents(mesh, find(), uvs).reshape(-1, _CORNERS + 1)
             row["first_tangent"] = self._append("corner_normals", pack_tangents(tangents))
 
@@ -329,6 +339,15 @@ class _Tables:
         self._parts[name].append(values)
         self._counts[name] += len(values)
         return begin
+
+
+def _mark_flat_faces(packed: NDArray[np.uint32], mesh: Mesh) -> NDArray[np.uint32]:
+    """Return packed normals at the corners of a mesh's faces, marked where they are the face's own."""
+    corners = packed.reshape(-1, _CORNERS)
+    even = np.flatnonzero((corners == corners[:, :1]).all(axis=1))
+    own = pack_normals(find_flat_normals(mesh.vertices[mesh.faces[even]]))
+    corners[even[corners[even, 0] == own], 0] = FLAT_FACE
+    return packed
 
 
 def _join(parts: list[NDArray[Any]]) -> NDArray[Any]:

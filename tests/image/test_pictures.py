@@ -290,3 +290,11 @@ def test_a_constant_map_of_normals_is_a_tilted_normal():
             np.testing.assert_allclose(found, film_of_square(side, meant, size), rtol=1e-3)
     # A texture without coordinates bends nothing.
     assert np.array_equal(film_of_square(normal_texture=MAP), film_of_square())
+
+
+def test_flat_faces_look_as_without_normals_at_their_corners():
+    cube = clbvh.make_shape("cube", triangles=12)
+    turned = Mesh.from_arrays(cube.vertices @ rotation(7).T, cube.faces)
+    smooth, flat = (clbvh.render(turned, VIEW, shading="studio", samples=2, smooth=angle) for angle in (40.0, 0.0))
+    assert np.array_equal(smooth.rgb, flat.rgb)
+    assert smooth.hits.count > 300

@@ -26,6 +26,23 @@ def draw(call):
     return run
 
 
+def test_pairs_that_are_drawn_at_once_are_those_drawn_one_by_one(call):
+    body = """
+        sobol_sampler_t sampler = make_sampler(begin.x, begin.y, begin.z);
+        sampler.dimension = begin.w;
+        sobol_sampler_t other = sampler;
+        uint numbers[2 * PAIR_COUNT];
+        sample_pairs(&sampler, numbers);
+        difference = (float8)(sample_2d(&other), sample_2d(&other), sample_2d(&other), sample_2d(&other));
+        for (int i = 0; i < 2 * PAIR_COUNT; i++) {
+            ((float *)&difference)[i] -= as_unit_float(numbers[i]);
+        }
+        difference += (float8)((float)(sampler.dimension - other.dimension));
+    """
+    begin = np.random.default_rng(5).integers(0, 2**32, (1000, 4), dtype=np.uint32)
+    assert not call("sampling/sampler.cl", body, "float8 difference", begin=begin).any()
+
+
 def count_in_cells(points, columns, rows):
     """How many points, (n, 2), each cell of a grid has."""
     cells = np.floor(points.astype(np.float64) * (columns, rows)).astype(int)
