@@ -1,7 +1,7 @@
 """Path tracing beside Mitsuba 3: the processor time until the pictures of both have the same error.
 
-`pip install mitsuba` brings the scalar variant; the `llvm` ones need LLVM 17 or newer, by the path in the environment
-variable DRJIT_LIBLLVM_PATH.
+`pip install mitsuba` brings the scalar variant; the `llvm` ones need a newer LLVM than 16, such as 19, by the path in the
+environment variable DRJIT_LIBLLVM_PATH.
 
 The error of a picture is the mean of (x - y)^2 / (y^2 + 0.01) over all pixels and channels, y from many more samples.
 """
@@ -85,7 +85,7 @@ def test_against_mitsuba(stage, variant, sampler):
     if importlib.util.find_spec("mitsuba") is None:
         pytest.skip("mitsuba is not installed")
     if variant.startswith("llvm") and not Path(os.environ.get("DRJIT_LIBLLVM_PATH", "")).is_file():
-        pytest.skip("the llvm variants need a libLLVM of version 17 or newer in DRJIT_LIBLLVM_PATH")
+        pytest.skip("the llvm variants need a libLLVM newer than 16 in DRJIT_LIBLLVM_PATH")
     with Rival(serve_ours, stage) as ours, Rival(serve_mitsuba, stage, variant, sampler) as theirs:
         ours.measure(str(SAMPLE_COUNTS[0]))
         references = [draw_reference(engine) for engine in (ours, theirs)]

@@ -10,6 +10,7 @@
 // A fixed-point number from 0 to just below 1 times a count: the integer part, and in *rest the fraction.
 INLINED uint split_product(const uint sample, const uint count, uint *rest)
 {
+    // Not by mul_hi, which PoCL 3.0 calls.
     const ulong product = (ulong)sample * count;
     *rest = (uint)product;
     return (uint)(product >> 32);
@@ -19,9 +20,9 @@ INLINED uint split_product(const uint sample, const uint count, uint *rest)
 // 12 bits left; `more` has those that follow them.
 INLINED int choose(const global light_choice_t *choices, const uint count, const uint sample, const uint more)
 {
-    uint fraction;
+    uint fraction, unused;
     uint index = split_product(sample, count, &fraction);
-    const uint following = (uint)((ulong)more * count >> 32);
+    const uint following = split_product(more, count, &unused);
     fraction += following;
     // A carry; the sum is less than `count` as a whole.
     index += fraction < following ? 1u : 0u;

@@ -43,7 +43,7 @@ INLINED float3 normal_of_edges(const float3 ab, const float3 ac)
 {
     const float3 normal = cross_product(ab, ac);
     const float length_squared = dot_product(normal, normal);
-    // Powers of two do not change the result.
+    // The scales are powers of two: where nothing leaves float32, the bits are the same without them.
     if (length_squared > 1e-24f && length_squared < 1e24f) {
         return normal / square_root(length_squared);
     }

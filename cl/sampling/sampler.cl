@@ -33,43 +33,38 @@ INLINED uint next_seed(sobol_sampler_t *sampler)
     return hash_with_seed(sampler->dimension++, sampler->seed);
 }
 
-// The next dimension, as a fixed-point number: 2^32 would be 1.
-INLINED uint sample_bits(sobol_sampler_t *sampler)
+// The first or the second number of the pair of dimensions with a seed, as a fixed-point number: 2^32 would be 1.
+INLINED uint draw_number(const sobol_sampler_t *sampler, const uint seed, const bool is_second)
 {
-    const uint seed = next_seed(sampler);
     const uint index = scramble(sampler->index, seed);
-    return reverse_bits(scramble_reversed(index, hash_number(seed ^ 1u)));
+    const uint point = is_second ? sobol_second_reversed(index) : index;
+    return reverse_bits(scramble_reversed(point, hash_number(seed ^ (is_second ? 2u : 1u))));
 }
 
 // The next dimension, in [0, 1).
 INLINED float sample_1d(sobol_sampler_t *sampler)
 {
-    return as_unit_float(sample_bits(sampler));
+    return as_unit_float(draw_number(sampler, next_seed(sampler), false));
 }
 
 // The next two dimensions, in [0, 1) each.
 INLINED float2 sample_2d(sobol_sampler_t *sampler)
 {
     const uint seed = next_seed(sampler);
-    const uint index = scramble(sampler->index, seed);
-    const uint first = reverse_bits(scramble_reversed(index, hash_number(seed ^ 1u)));
-    const uint second = reverse_bits(scramble_reversed(sobol_second_reversed(index), hash_number(seed ^ 2u)));
-    return (float2)(as_unit_float(first), as_unit_float(second));
+    return (float2)(
+        as_unit_float(draw_number(sampler, seed, false)), as_unit_float(draw_number(sampler, seed, true)));
 }
 
 // Pairs of dimensions that sample_pairs draws at once.
 #define PAIR_COUNT 4
 
-// The next eight dimensions, as fixed-point numbers; the pairs are those of sample_2d.
+// The next pairs of dimensions, as fixed-point numbers.
 INLINED void sample_pairs(sobol_sampler_t *sampler, uint numbers[2 * PAIR_COUNT])
 {
     // Compilers for CPUs compute all rounds of the loop at once, in vectors.
     for (uint number = 0; number < 2 * PAIR_COUNT; number++) {
-        const bool is_second = number & 1u;
         const uint seed = hash_with_seed(sampler->dimension + number / 2, sampler->seed);
-        const uint index = scramble(sampler->index, seed);
-        const uint point = is_second ? sobol_second_reversed(index) : index;
-        numbers[number] = reverse_bits(scramble_reversed(point, hash_number(seed ^ (is_second ? 2u : 1u))));
+        numbers[number] = draw_number(sampler, seed, number & 1u);
     }
     sampler->dimension += PAIR_COUNT;
 }

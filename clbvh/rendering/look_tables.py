@@ -267,9 +267,9 @@ class _Tables:
         dtypes = {"corner_normals": "u4", "corner_colours": "u4", "corner_uvs": "f4", "material_ids": "i4"}
         self._parts: dict[str, list[NDArray[Any]]] = {name: [np.zeros(0, dtype)] for name, dtype in dtypes.items()}
         self._counts = dict.fromkeys(dtypes, 0)
-        # Where the values of an array begin, by its identity: shapes that differ in their materials share them. The
+        # Where the values of arrays begin, by their identity: shapes that differ in their materials share them. The
         # shapes keep the arrays alive.
-        self._begins: dict[tuple[str, int], int] = {}
+        self._begins: dict[tuple[Any, ...], int] = {}
         # Number 0 is that of shapes that have none; pictures give it the surface colour of their scene. A file's
         # material that equals the default one keeps its own colour.
         self._numbers: dict[Material, int] = {}
@@ -289,7 +289,7 @@ class _Tables:
                 packed = np.repeat(packed, _CORNERS)
             row["first_colour"] = self._append("corner_colours", packed)
         if (uvs := appearance.uvs) is not None:
-            row["first_uv"] = self._share("corner_uvs", uvs, lambda: uvs.reshape(-1).astype(np.float32))
+            row["first_uv"] = self._share("corner_uvs", (uvs,), lambda: uvs.reshape(-1).astype(np.float32))
         if appearance.materials:
             known = self._numbers
             numbers = np.array([known.setdefault(each, 1 + len(known)) for each in appearance.materials], np.int32)
@@ -312,8 +312,9 @@ class _Tables:
             return pack_normals(find().reshape(-1, _CORNERS))
 
         if uvs is None:
-            source = mesh.local_vertices if given is None else given
-            row["first_normal"] = self._share("corner_normals", source, lambda: _mark_flat_faces(pack(), mesh))
+            # Moved vertices may have the normals of others, and are flat elsewhere.
+            sources = given, mesh.local_vertices
+            row["first_normal"] = self._share("corner_normals", sources, lambda: _mark_flat_faces(pack(), mesh))
         else:
             row["first_normal"] = self._append("corner_normals", pack())
             tangents = find_tangents(mesh, find(), uvs).reshape(-1, _CORNERS + 1)
@@ -328,8 +329,8 @@ class _Tables:
         grown = {name: _join(parts) for name, parts in self._parts.items()}
         return {"looks": looks, "materials": materials, **textures.arrays(), **grown}
 
-    def _share(self, name: str, source: NDArray[Any], make: Callable[[], NDArray[Any]]) -> int:
-        key = name, id(source)
+    def _share(self, name: str, sources: tuple[Any, ...], make: Callable[[], NDArray[Any]]) -> int:
+        key = name, *map(id, sources)
         if key not in self._begins:
             self._begins[key] = self._append(name, make())
         return self._begins[key]

@@ -298,3 +298,17 @@ def test_flat_faces_look_as_without_normals_at_their_corners():
     smooth, flat = (clbvh.render(turned, VIEW, shading="studio", samples=2, smooth=angle) for angle in (40.0, 0.0))
     assert np.array_equal(smooth.rgb, flat.rgb)
     assert smooth.hits.count > 300
+
+
+def test_meshes_with_the_same_normals_are_flat_by_themselves():
+    looks = Appearance(normals=np.tile([0.0, 0, 1], (2, 3, 1)), materials=[Material("a", roughness=0.4)])
+    flat, bent = (Mesh.from_arrays(CORNERS + CORNERS[:, :1] * [0, 0, slope], FACES, appearance=looks) for slope in (0, 1))
+    films = []
+    for shapes in ((bent,), (flat, bent)):
+        scene = Scene()
+        for shape in shapes:  # what is hidden comes first
+            scene.place(scene.add(shape), clbvh.Transform(translate=(0, 0, 0 if shape is bent else -9)))
+        view = clbvh.View(eye=(0, 0, 4), look_at=(0, 0, 0), fov=10, width=20, height=20, ground=False)
+        with Renderer(scene, view, samples=2, light=Light((1, 0, 1), sky=(0, 0, 0), ground=(0, 0, 0))) as renderer:
+            films.append(renderer.render(keeps_film=True).film)
+    np.testing.assert_allclose(films[1], films[0], rtol=1e-3)
