@@ -1,7 +1,7 @@
 """Path tracing beside Mitsuba 3: the processor time until the pictures of both have the same error.
 
-`pip install mitsuba` brings the scalar variant; the `llvm` ones need a newer LLVM than 16, such as 19, by the path in the
-environment variable DRJIT_LIBLLVM_PATH.
+`pip install mitsuba` brings the scalar variant; the `llvm` ones need a newer LLVM than 16, such as 19, by the path in
+the environment variable DRJIT_LIBLLVM_PATH.
 
 The error of a picture is the mean of (x - y)^2 / (y^2 + 0.01) over all pixels and channels, y from many more samples.
 """

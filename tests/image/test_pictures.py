@@ -302,7 +302,8 @@ def test_flat_faces_look_as_without_normals_at_their_corners():
 
 def test_meshes_with_the_same_normals_are_flat_by_themselves():
     looks = Appearance(normals=np.tile([0.0, 0, 1], (2, 3, 1)), materials=[Material("a", roughness=0.4)])
-    flat, bent = (Mesh.from_arrays(CORNERS + CORNERS[:, :1] * [0, 0, slope], FACES, appearance=looks) for slope in (0, 1))
+    slopes = np.zeros((4, 3)), CORNERS[:, :1] * [0, 0, 1]
+    flat, bent = (Mesh.from_arrays(CORNERS + slope, FACES, appearance=looks) for slope in slopes)
     films = []
     for shapes in ((bent,), (flat, bent)):
         scene = Scene()
