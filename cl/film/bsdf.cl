@@ -4,6 +4,7 @@
 // microfacets with the distribution GGX (Walter, Marschner, Li and Torrance, "Microfacet models for refraction through
 // rough surfaces", 2007), without light that is reflected between facets.
 
+#include "film/luminance.cl"
 #include "looks/looks.cl"
 #include "sampling/warps.cl"
 
@@ -34,11 +35,6 @@ typedef struct {
     float density;     // per solid angle; 0 where no other way of sampling finds the direction
     bool is_below;     // whether the direction goes through the surface
 } scattered_t;
-
-INLINED float luminance(const float3 colour)
-{
-    return 0.2126f * colour.x + 0.7152f * colour.y + 0.0722f * colour.z;
-}
 
 // Reflectance of the boundary between two media, at a cosine from 0 to 1. Beyond the critical angle it is 1.
 INLINED float dielectric_reflectance(const float cosine, const float ior_ratio)

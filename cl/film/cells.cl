@@ -7,9 +7,8 @@
 //
 // Cell (column, row) belongs to the pixel (column - 1, row - 1): there are cells around the picture, too.
 
-#include "film/pixel.cl"
+#include "sampling/pattern.cl"
 #include "structs.cl"
-#include "world/camera.cl"
 
 // Sums of samples, weighted for each of CELL_PIXELS pixels: from the upper left one, row by row.
 typedef struct {
@@ -32,25 +31,6 @@ INLINED int first_of_pair(const float offset)
 INLINED float second_weight(const float offset)
 {
     return offset < 0.0f ? 1.0f + offset : offset;
-}
-
-// Whether samples at an offset count for any pixel, in one direction, of the picture; the first cell is before it.
-INLINED bool counts(const int cell, const float offset, const int pixel_count)
-{
-    return cell == 0 ? offset > 0.0f : cell <= pixel_count || offset < 0.0f;
-}
-
-// The ray of a sample. Returns whether the camera sees anything there, and the picture shows it.
-INLINED bool sample_cell(
-    const global view_t *view, const int column, const int row, const float2 offset, const uint sample,
-    world_ray_t *ray)
-{
-    if (!counts(column, offset.x, view->width) || !counts(row, offset.y, view->height)) {
-        return false;
-    }
-    const int number = row * (view->width + 2) + column;
-    const float2 lens = view->has_lens ? sample_lens(view, number, sample) : LENS_CENTRE;
-    return world_camera_ray(view, film_point(view, column - 1, row - 1, offset), lens, ray);
 }
 
 INLINED void add_to_cell(cell_t *cell, const float2 offset, const float4 light)

@@ -4,21 +4,10 @@
 // there are more of them near the centre. All pixels have the same pattern, so that edges have no noise; sample 0 is
 // the centre of the pixel and of the lens: the hits of a picture are its.
 
+#include "sampling/pattern.cl"
 #include "sampling/sampler.cl"
 #include "sampling/warps.cl"
 #include "world/camera.cl"
-
-// The sequence R2, as fixed-point numbers: the steps are 1 / g and 1 / g^2 with g^3 = g + 1, and any number of points
-// in a row is evenly spread (Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018).
-#define R2_START 0x80000000u
-#define R2_STEP_X 0xc13fa9a9u
-#define R2_STEP_Y 0x91e10da6u
-
-// A point of the unit square; of sample 0, its middle.
-INLINED float2 pattern_point(const uint sample)
-{
-    return (float2)(as_unit_float(R2_START + sample * R2_STEP_X), as_unit_float(R2_START + sample * R2_STEP_Y));
-}
 
 // A point in the unit square, moved around its edges so that `origin` becomes the middle.
 INLINED float2 centre_on(const float2 point, const float2 origin)

@@ -5,6 +5,7 @@
 // view[1]                     view_t: camera, light and colours, see clbvh/structs.py
 // first_row, row_count        rows of the picture in this band; row 0 is the top
 // first_sample, sample_count  samples to take of each pixel, by their numbers
+// settled[]                   tiles that get no more samples, see settle_tiles.cl; NULL but for SHADE_PATH with noise
 // film[row_count * width]     float4, added to: linear red, green, blue, and the share that is covered. For SHADE_PATH,
 //                             it has CELL_PIXELS of them for each of (row_count + 2) * (width + 2) cells
 // hits[row_count * width]     written with sample 0, which is the centre of the pixel: t in local units
@@ -27,6 +28,7 @@
 #include "sampling/screen.cl"
 #include "traversal/entry_point.cl"
 #if SHADING == SHADE_PATH
+#include "film/cell_rays.cl"
 #include "film/cells.cl"
 #include "film/path.cl"
 #elif SHADING == SHADE_AO
@@ -67,14 +69,17 @@ kernel void render_samples(
     const global light_choice_t *restrict light_choices, const global float *restrict environment,
     const global float *restrict environment_rows, const global float *restrict environment_columns,
     const global view_t *restrict view, const int first_row,
-    const int row_count, const int first_sample, const int sample_count, global float4 *restrict film,
-    global kept_hit_t *restrict hits)
+    const int row_count, const int first_sample, const int sample_count, const global int *restrict settled,
+    global float4 *restrict film, global kept_hit_t *restrict hits)
 {
     const int column = get_global_id(0);
     const int band_row = get_global_id(1);
 #if SHADING == SHADE_PATH
     const int width = view->width + 2;
     if (column >= width || band_row >= row_count + 2) {
+        return;
+    }
+    if (settled && settled[get_group_id(1) * get_num_groups(0) + get_group_id(0)]) {
         return;
     }
 #else

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +28,12 @@ from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
 from ..trace.launch import Call, Caster
 from ..trace.ranges import LEAST_RANGE, cast_ranges
-from ..trace.running_calls import CallMemory
 from ..trace.world.starts import AT_THE_ROOT, VIEW_KERNEL, find_entry_points
 from ..trace.world.world import World
+from .band import Band
 from .built_scene import BuiltScene
 from .look_tables import LightTables, find_lights, has_cutouts, has_normal_maps, make_light_tables, make_look_tables
+from .noisy_tiles import ALL_ALIKE, NoisyTiles
 from .view import View
 
 # Pixels per band: 320 MiB of colours and hits on the device. A 4K picture is one band, unless its painter needs more
@@ -56,51 +57,6 @@ _COLOUR_BYTES = 2 * _CHANNELS - 1
 
 
 RowProgress = Callable[[float, int], object]
-
-
-class Band(NamedTuple):
-    """Rows of a picture that are on the device together.
-
-    Attributes
-    ----------
-    memory : CallMemory
-        Of the picture.
-    width, height : int
-        Of the whole picture, in pixels.
-    first_row, row_count : int
-    report : function
-        Called with the share of the band's samples that are done; it raises where the picture is to end early.
-    view, colours, hits : buffer
-        The arguments of those names, see cl/kernels/render.cl.
-    """
-
-    memory: CallMemory
-    width: int
-    height: int
-    first_row: int
-    row_count: int
-    report: Callable[[float], None]
-    view: Any
-    colours: Any
-    hits: Any
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Columns and rows of the band."""
-        return self.width, self.row_count
-
-    @property
-    def rows(self) -> dict[str, Any]:
-        """The arguments of every kernel that works on a band."""
-        return {"view": self.view, "first_row": np.int32(self.first_row), "row_count": np.int32(self.row_count)}
-
-    def run(self, kernel: Any, size: tuple[int, int], tile: tuple[int, int], **arguments: Any) -> None:
-        """Run a kernel in the queue of the picture."""
-        self.memory.session.run(kernel, size, tile, **arguments)
-
-    def take(self, name: str, size: int) -> Any:
-        """Return a buffer of at least `size` bytes."""
-        return self.memory.buffer(name, for_mapping=False).take(size)
 
 
 class FrameRenderer:
@@ -349,7 +305,7 @@ _FILTER_RADIUS = 1.0
 
 # Arguments of `render_samples` that only paths have.
 _NO_LIGHTS: dict[str, Any] = dict.fromkeys(
-    ("lights", "light_choices", "environment", "environment_rows", "environment_columns")
+    ("lights", "light_choices", "environment", "environment_rows", "environment_columns", "settled")
 )
 
 
@@ -366,11 +322,13 @@ class Progress:
     is_stopped : function
         Asked after each launch; if it returns True, no further samples are taken.
     of_bands : dict of int to int
-        Samples of each pixel that were taken, by the first row of the band.
+        Samples of each pixel that were taken, in the mean, by the first row of the band.
     film : (height, width, 4) float32, or None
         Is filled with the means of the samples: linear red, green and blue, and the share that is covered.
     is_apart : bool
         Whether the pixels of ``"path"`` share no samples, so that the noise of each is its own; see `denoise`.
+    noise : float
+        Tiles of ``"path"`` with less noise than this get no more samples; 0: all get the same. See `View.noise`.
     launch_s : float
         Time of one launch, at about which the next number of samples is chosen.
     """
@@ -381,11 +339,12 @@ class Progress:
     of_bands: dict[int, int] = field(default_factory=dict)
     film: NDArray[np.float32] | None = None
     is_apart: bool = False
+    noise: float = 0.0
     launch_s: float = LAUNCH_S
 
     @property
     def taken(self) -> int:
-        """Samples of each pixel that were taken; of a picture in several bands, those of the band with the fewest."""
+        """Samples of each pixel that were taken, in the mean; of several bands, those of the band with the fewest."""
         return min(self.of_bands.values(), default=1)
 
 
@@ -444,35 +403,42 @@ class SamplePainter:
 
     def paint(self, band: Band) -> float:
         """Fill the colours and the hits of a band; return the seconds of the first launch."""
-        shading, size = self.shading, band.size
+        shading, progress, size = self.shading, self.progress, band.size
         film = band.take("film", band.width * band.row_count * _FILM_BYTES)
         arguments = {**shading.arguments, **self.arguments, **band.rows}
+        tiles = None
         if shading.join_cells:
             # Cells are not the tiles of pixels for which entry points are found: their rays begin at the root.
-            columns, rows = band.width + _BORDER, band.row_count + _BORDER
+            columns, rows = cells_size = band.width + _BORDER, band.row_count + _BORDER
             cells = band.take("cells", CELL_PIXELS * columns * rows * _FILM_BYTES)
-            taken, launch_s = self._take_samples(band, (columns, rows), {**arguments, **AT_THE_ROOT, "film": cells})
+            if progress.noise:
+                tiles = NoisyTiles(band, cells, cells_size, shading.tile, progress.noise)
+                arguments["settled"] = tiles.settled
+            arguments |= {**AT_THE_ROOT, "film": cells}
+            taken, launch_s = self._take_samples(band, cells_size, arguments, tiles)
             width, row_count = map(np.int32, size)
             band.run(
                 shading.join_cells, size, shading.tile, cells=cells, width=width, row_count=row_count,
-                is_apart=np.int32(self.progress.is_apart), film=film,
+                is_apart=np.int32(progress.is_apart), film=film, **(tiles.weigh(taken) if tiles else ALL_ALIKE),
             )  # fmt: skip
         else:
-            taken, launch_s = self._take_samples(
-                band, size, {**arguments, **shading.entry_points.find(band), "film": film}
-            )
+            arguments |= {**shading.entry_points.find(band), "film": film}
+            taken, launch_s = self._take_samples(band, size, arguments)
+        in_film = 1 if tiles else taken
         band.run(
             shading.develop, size, shading.tile, film=film, row_count=np.int32(band.row_count),
-            sample_count=np.int32(taken), view=band.view, colours=band.colours,
+            sample_count=np.int32(in_film), view=band.view, colours=band.colours,
         )  # fmt: skip
-        self.progress.of_bands[band.first_row] = taken
-        if (kept := self.progress.film) is not None:
+        progress.of_bands[band.first_row] = tiles.mean_samples(taken) if tiles else taken
+        if (kept := progress.film) is not None:
             rows_of_film = kept[band.first_row : band.first_row + band.row_count]
             band.memory.session.download(film, rows_of_film)
-            rows_of_film /= np.float32(taken)
+            rows_of_film /= np.float32(in_film)
         return launch_s
 
-    def _take_samples(self, band: Band, size: tuple[int, int], arguments: dict[str, Any]) -> tuple[int, float]:
+    def _take_samples(
+        self, band: Band, size: tuple[int, int], arguments: dict[str, Any], tiles: NoisyTiles | None = None
+    ) -> tuple[int, float]:
         """Add samples to the film, with this many work-items; return how many, and the seconds of the first launch."""
         progress, first_s = self.progress, 0.0
         first, count = 0, min(_LEAST_SAMPLES, progress.samples)
@@ -486,10 +452,12 @@ class SamplePainter:
             first_s = first_s or now - begin
             first += count
             band.report(first / progress.samples)
-            if first >= progress.samples or progress.is_stopped() or now > end_s:
+            is_settled = tiles is not None and first == tiles.end and tiles.end_pass()
+            if first >= progress.samples or is_settled or progress.is_stopped() or now > end_s:
                 return first, first_s
             fitting = int(progress.launch_s * count / max(now - begin, 1e-9)) // _LEAST_SAMPLES * _LEAST_SAMPLES
-            count = min(progress.samples - first, max(_LEAST_SAMPLES, fitting))
+            end = progress.samples if tiles is None else min(tiles.end, progress.samples)
+            count = min(end - first, max(_LEAST_SAMPLES, fitting))
 
 
 def open_session(device: DeviceInfo | str | int | None, shading: str) -> DeviceSession:

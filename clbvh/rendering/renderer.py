@@ -290,7 +290,7 @@ class Renderer(ContextManager):
             from .denoise import import_denoiser
 
             import_denoiser()
-        progress.is_apart = is_denoised
+        progress.is_apart, progress.noise = is_denoised, view.noise
         if (keeps_film or is_denoised) and view.shading not in REPORT_SHADINGS:
             check_memory("the film of the picture", view.width * view.height * _FILM_BYTES, SceneError)
             progress.film = np.empty((view.height, view.width, 4), np.float32)

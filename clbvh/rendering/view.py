@@ -38,6 +38,9 @@ MAX_SIDE = 65_535
 # Enough for edges without steps and for soft shadows with little noise: 0.6 s for 800 x 450 on a 2-core x86-64 server.
 _DEFAULT_SAMPLES = {"studio": 16, "ao": 16, "path": 64, "albedo": 16}
 
+# Where the noise decides, and stays above what was asked for.
+_MOST_NOISY_SAMPLES = 4096
+
 # More would leave the numbers of the sample points.
 MAX_SAMPLES = 2**24
 
@@ -200,7 +203,10 @@ class View:
         with the light, the ground and the tone curve of ``studio`` unless a `light`, a `background`, an `environment`
         or a material that emits light is given, or the eye is among the objects.
     samples : int, or None
-        Of each pixel, for the shadings with samples. None: 16, for ``path`` 64.
+        Of each pixel, for the shadings with samples. None: 16, for ``path`` 64, and 4,096 at most with `noise`.
+    noise : float
+        Of ``path``: parts of the picture whose noise is below this get no more samples. It is the standard deviation,
+        as a share of the light, to which 0.1 is added; 0.03 is hardly seen. 0: all pixels get the same samples.
     denoise : bool
         Whether the noise of ``studio``, ``ao`` and ``path`` is taken out, by Intel's Open Image Denoise: it keeps the
         edges and textures that base colours and normals show, and smooths what is seen in mirrors and glass. Needs
@@ -314,6 +320,10 @@ class View:
         SHADING,
         shown="16; 64 for path",
     )
+    noise: float = setting(
+        0.0, "Sample until the noise is below this share of the light (path): 0.03 is hardly seen.", number(0, 1),
+        SHADING, shown="all pixels get the same samples",
+    )  # fmt: skip
     denoise: bool = setting(False, "Take the noise of studio, ao and path out (needs pyoidn).", flag(), SHADING)
     seed: int = setting(0, "Of the sample points.", whole(0, 2**32 - 1), SHADING)
     max_bounces: int = setting(12, "Reflections after which a path ends.", whole(0, 1000), SHADING)
@@ -372,7 +382,8 @@ class View:
     def changed(self, **changes: Any) -> View:
         """Return the view with other settings.
 
-        One way to choose the camera takes the place of another: a `side` that of an `eye`, a `camera` that of both.
+        One way to choose the camera takes the place of another: a `side` that of an `eye`, a `camera` that of both;
+        and a `noise` that of `samples`.
         Members of a group have its name before theirs: `light_direction`, `wireframe_width`.
 
         Raises
@@ -400,13 +411,22 @@ class View:
         camera = changes.get("camera", self.camera)
         if getattr(camera, "lens", None) is not None and not {"camera", "width", "height"}.isdisjoint(changes):
             left_out |= {"width", "height"}
+        if changes.get("noise"):
+            left_out.add("samples")
         defaults = {name: DEFAULT_FOV if name == "fov" else None for name in left_out - changes.keys()}
         return change_settings(self, defaults | changes)
 
     @property
     def sample_count(self) -> int:
-        """The samples that each pixel gets."""
-        return _DEFAULT_SAMPLES.get(self.shading, 1) if self.samples is None else self.samples
+        """The samples that each pixel gets, at most."""
+        if self.samples is not None:
+            return self.samples
+        return _MOST_NOISY_SAMPLES if self.is_adaptive else _DEFAULT_SAMPLES.get(self.shading, 1)
+
+    @property
+    def is_adaptive(self) -> bool:
+        """Whether pixels get samples by their noise."""
+        return self.noise > 0 and self.shading == "path"
 
     @property
     def curve(self) -> str:

@@ -40,6 +40,7 @@ CASES = {
     "environment": ([("sky.hdr", clbvh.EnvironmentMap("sky.hdr"))], ["sky.png", 5, [[1]]]),
     "environment_rotation": ([(-720, -720.0)], NUMBER), "environment_strength": ([(0, 0.0)], [-1, 1e11, *NUMBER]),
     "shading": ([("lambert+shadow", "lambert+shadow")], ["phong", [], None]),
+    "noise": ([(0.03, 0.03), (0, 0.0)], [-0.1, 1.1, *NUMBER]),
     "denoise": ([(True, True)], [None, 1, "yes"]),
     "samples": ([(np.int64(7), 7), (None, None)], [0, 2**24 + 1, 1.5, "4", True]),
     "seed": ([(2**32 - 1, 2**32 - 1)], [-1, 2**32, 0.5]), "max_bounces": ([(0, 0)], [-1, 1001, None]),
