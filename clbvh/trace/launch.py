@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from copy import copy
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +28,6 @@ from ..support.host_threads import HostThreads
 from .running_calls import MemoryLoan, RunningCalls
 from .world.trees import WideArrays
 from .world.world import World
-
-_Result = TypeVar("_Result")
 
 
 class Query(NamedTuple):
@@ -58,8 +56,11 @@ _KEY_BITS = 25
 
 _MS_PER_S = 1e3
 
-# Up to this many rays are cast by the calling thread, where it sees the device's tree.
-MOST_HOST_RAYS = 1024
+# Up to this many rays are cast by the host's threads, where they see the device's tree.
+MOST_HOST_RAYS = 1 << 16
+
+# Least of them that are worth a thread.
+_LEAST_HOST_RAYS = 512
 
 # Least items of a thread's range in a buffer. Packing a ray takes 9 ns, and waking a thread as long as 6,000 of them.
 _LEAST_FILLED = 1 << 13
@@ -235,7 +236,7 @@ class Call(MemoryLoan):
         return self.memory.session
 
     def on_host(self, ray_count: int) -> WideArrays | None:
-        """Return the tree if the rays are so few that the calling thread casts them itself, or else None."""
+        """Return the tree if the rays are so few that the host casts them itself, or else None."""
         if not 0 < ray_count <= MOST_HOST_RAYS or is_device_forced():
             return None
         return self.world.on_host()
@@ -333,9 +334,8 @@ class Call(MemoryLoan):
         )  # fmt: skip
         return results
 
-    def run_on_host(self, task: Callable[..., _Result], *arguments: Any) -> _Result:
-        """Return ``task(*arguments)``, whose time counts as a kernel's: the host does its work."""
+    def run_on_host(self, ray_count: int, task: Callable[[int, int], object]) -> None:
+        """Call ``task(begin, end)`` for ranges of rays, by several threads; its time counts as a kernel's."""
         begin = time.perf_counter()
-        result = task(*arguments)
+        self.threads.for_ranges(ray_count, task, least_items=_LEAST_HOST_RAYS)
         self.session.times.add("kernel", (time.perf_counter() - begin) * _MS_PER_S)
-        return result

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...bvh import Bvh
 from ...layouts.device_arrays import make_device_arrays
@@ -142,7 +141,8 @@ class Resolution(Experiment):
             tree = bench.once(("host tree", name), lambda: _arrange(bvh))
             begin = time.perf_counter()
             shares = cut_range(0, len(rays[0]), -(-len(rays[0]) // _SHARE_RAYS))
-            threads.run(partial(_cast, tree, TreeBox.around(bvh), rays), shares)
+            batch, _ = read_rays(*rays, 0.0, np.inf)
+            threads.run(partial(cast_on_host, tree, TreeBox.around(bvh), batch, 0), shares)
             trace_ms = kernel_ms = trace_wall_ms = (time.perf_counter() - begin) * 1e3
         times = {"build_ms": values["build_ms"], "trace_ms": trace_ms, "total_ms": values["build_ms"] + trace_ms}
         return Sample({**times, "kernel_ms": kernel_ms, "trace_wall_ms": trace_wall_ms, "rays": len(rays[0])})
@@ -174,12 +174,6 @@ def _arrange(bvh: Bvh) -> WideArrays:
     with HostThreads() as threads:
         arrays.blocks.write(blocks, threads)
     return WideArrays.of(arrays.nodes, blocks, _HOST_WIDTH, arrays.stack_size)
-
-
-def _cast(tree: WideArrays, box: TreeBox, rays: tuple[NDArray, NDArray], begin: int, end: int) -> None:
-    """Find the closest hits of some rays on the host."""
-    batch, _ = read_rays(rays[0][begin:end], rays[1][begin:end], 0.0, np.inf)
-    cast_on_host(tree, box, batch, 0)
 
 
 class Breakdown(Experiment):

@@ -47,7 +47,8 @@ def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: P
     def cast(call: Call, part: range, progress: Progress | None) -> None:
         world = call.world
         if (tree := call.on_host(count)) is not None:
-            call.run_on_host(_find_closest_on_host, tree, world.box, batch, world.arrays, refined)
+            cast_few = partial(_find_closest_on_host, tree, world.box, batch, world.arrays, refined)
+            call.run_on_host(count, cast_few)
             if progress is not None:
                 progress(count, count)
         else:
@@ -112,7 +113,7 @@ def _answer(
     def cast(call: Call, part: range, progress: Progress | None) -> None:
         if isinstance(batch, RayBatch) and (tree := call.on_host(count)) is not None:
             most_hits = 0 if query is CLOSEST_HIT else int(arguments.get("max_hits", 1))
-            answers[:] = call.run_on_host(cast_on_host, tree, call.world.box, batch, most_hits)
+            call.run_on_host(count, partial(_answer_range, tree, call.world.box, batch, most_hits, answers))
             if progress is not None:
                 progress(count, count)
         else:
@@ -125,16 +126,25 @@ def _answer(
     return answers.reshape(shape)
 
 
-def _find_closest_on_host(tree: WideArrays, box: TreeBox, batch: RayBatch, surface: Any, hits: RefinedHits) -> None:
+def _answer_range(
+    tree: WideArrays, box: TreeBox, batch: RayBatch, most_hits: int, answers: NDArray[Any], begin: int, end: int
+) -> None:
+    answers[begin:end] = cast_on_host(tree, box, batch, most_hits, begin, end)
+
+
+def _find_closest_on_host(
+    tree: WideArrays, box: TreeBox, batch: RayBatch, surface: Any, hits: RefinedHits, begin: int, end: int
+) -> None:
     """Write the closest hits of few rays, to the last bit as `refine_closest` does of the device's.
 
     In one compiled call: each call of a compiled function from Python costs microseconds, as long as tens of rays.
     """
-    count = batch.ray_count
+    count = end - begin
     packed, found = np.empty((count, PACKED_RAY_LANES), np.float32), np.empty((count, FIELD_COUNT), np.int32)
-    bad = _find_closest(batch.part(0, count), box, tree, surface, packed, found, NO_LOWS, RefineBlock.of_thread(), hits)
+    rays, block = batch.part(begin, end), RefineBlock.of_thread()
+    bad = _find_closest(rays, box, tree, surface, packed, found, NO_LOWS, block, hits.part(begin, end))
     if bad != ALL_GOOD:
-        raise explain_bad_ray(batch, bad)
+        raise explain_bad_ray(batch, begin + bad)
 
 
 @compiled

@@ -77,6 +77,8 @@ class RefinedHits(NamedTuple):
 
     def part(self, begin: int, end: int) -> RefinedHits:
         """Return views for some of the hits."""
+        if end - begin == len(self.t):
+            return self
         part = slice(begin, end)
         return RefinedHits(*(values[part] for values in self))  # type: ignore[arg-type]
 

@@ -1,6 +1,6 @@
-"""Few rays, cast by the calling thread on the host: the way of rays through a wide tree, with the steps counted.
+"""Few rays, cast by threads of the host: the way of rays through a wide tree, with the steps counted.
 
-To hand a launch to the driver and to be woken by it takes longer than to cast a few hundred rays. The tree is that of
+To hand launches to the driver and to be woken by it takes longer than to cast a few thousand rays. The tree is that of
 the device, where host and device share their memory. Rays are packed as for the device, and hits are refined by the
 usual float64 step. A sample of many rays tells what they cost.
 
@@ -33,8 +33,10 @@ from ..world.trees import WideArrays
 from .lanes import count_others, cross_corners, lowest_bit, make_host_ray, meet_boxes, pass_edges, shear_corner
 
 
-def cast_on_host(tree: WideArrays, box: TreeBox, batch: RayBatch, most_crossings: int) -> NDArray[Any]:
-    """Return what a kernel finds for each ray of a batch.
+def cast_on_host(
+    tree: WideArrays, box: TreeBox, batch: RayBatch, most_crossings: int, begin: int, end: int
+) -> NDArray[Any]:
+    """Return what a kernel finds for rays `begin` to `end` of a batch.
 
     Parameters
     ----------
@@ -56,9 +58,9 @@ def cast_on_host(tree: WideArrays, box: TreeBox, batch: RayBatch, most_crossings
     QueryError
         A bad ray; see `pack_rays`.
     """
-    found, bad = _find(tree, box, batch, most_crossings)
+    found, bad = _find(tree, box, batch, most_crossings, begin, end)
     if bad != ALL_GOOD:
-        raise explain_bad_ray(batch, bad)
+        raise explain_bad_ray(batch, begin + bad)
     return found[:, ANSWER]
 
 
@@ -67,15 +69,17 @@ def mean_steps(tree: WideArrays, box: TreeBox, batch: RayBatch) -> float:
 
     Of a batch with a bad ray, the answer is infinity.
     """
-    found, bad = _find(tree, box, batch, 0)
+    found, bad = _find(tree, box, batch, 0, 0, batch.ray_count)
     return float(found[:, NODE_STEPS].mean() + found[:, LEAF_VISITS].mean()) if bad == ALL_GOOD else math.inf
 
 
-def _find(tree: WideArrays, box: TreeBox, batch: RayBatch, most_crossings: int) -> tuple[NDArray[np.int32], int]:
-    """Return what `walk` finds for each ray, (n, FIELD_COUNT), and what `write_packed` returns."""
-    count = batch.ray_count
+def _find(
+    tree: WideArrays, box: TreeBox, batch: RayBatch, most_crossings: int, begin: int, end: int
+) -> tuple[NDArray[np.int32], int]:
+    """Return what `walk` finds for each of some rays, (n, FIELD_COUNT), and what `write_packed` returns."""
+    count = end - begin
     packed, found = np.empty((count, PACKED_RAY_LANES), np.float32), np.empty((count, FIELD_COUNT), np.int32)
-    return found, _cast(batch.part(0, count), box, tree, most_crossings, packed, found, NO_LOWS)
+    return found, _cast(batch.part(begin, end), box, tree, most_crossings, packed, found, NO_LOWS)
 
 
 @compiled

@@ -103,7 +103,8 @@ def test_the_t_of_the_device_is_the_last_one_that_hits(open_tracer, mesh, rays, 
 
 
 def test_few_rays_at_a_mesh_are_cast_on_the_host(open_tracer, mesh, rays, session, launches, monkeypatch):
-    tracer, most, few = open_tracer(mesh, layout="bvh8"), launch.MOST_HOST_RAYS, [part[:3] for part in rays]
+    tracer, most, few = open_tracer(mesh, layout="bvh8"), 1500, [part[:3] for part in rays]
+    monkeypatch.setattr(launch, "MOST_HOST_RAYS", most)
     ask(tracer, [part[:most] for part in rays])
     alone = Scene()
     alone.place(alone.add(mesh))
@@ -126,6 +127,7 @@ def test_few_rays_at_a_mesh_are_cast_on_the_host(open_tracer, mesh, rays, sessio
 
 
 def test_bad_rays_are_named_as_by_the_device(session, host_casts_few, monkeypatch):
+    many = np.arange(4000)[:, None]  # for several threads
     with Tracer((np.array(TRIANGLE[0]) * 1e-9, TRIANGLE[1]), device=session.info, layout="bvh8") as tracer:
         for most in (launch.MOST_HOST_RAYS, 0):
             monkeypatch.setattr(launch, "MOST_HOST_RAYS", most)
@@ -133,9 +135,12 @@ def test_bad_rays_are_named_as_by_the_device(session, host_casts_few, monkeypatc
                 ([[0, 0, 0], [0, np.nan, 0]], [0, 0, 1], r"^origins\[1\] is not finite: \[ 0. nan  0.\]$"),
                 ([0, 0, 0], [[0, 0, 1], [1, 0, 0], [0, 0, 0]], r"^directions\[2\] has length zero$"),
                 ([1e308, 0, 0], [0, 0, 1], "^origins is too far"),
+                (np.where(many == 3900, np.inf, (0, 0, 0)), [0, 0, 1], r"^origins\[3900\] is"),
+                (np.where(many % 2000 == 1900, np.inf, (0, 0, 0)), [0, 0, 1], r"^origins\[1900\] is"),
             ):
-                with pytest.raises(QueryError, match=message):
-                    tracer.closest_hit(origins, directions)
+                for query in (tracer.closest_hit, tracer.any_hit):
+                    with pytest.raises(QueryError, match=message):
+                        query(origins, directions)
 
 
 def test_the_life_of_a_tracer_is_the_same(session, host_casts_few, monkeypatch):
