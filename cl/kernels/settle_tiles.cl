@@ -4,10 +4,10 @@
 // changes from one pass to the next by about the noise that the new mean has; the noise of a tile is the root mean
 // square over its cells.
 
-#include "film/cells.cl"
-#include "film/luminance.cl"
 // keep: forbids contraction
 #include "math/numeric.cl"
+#include "film/cells.cl"
+#include "film/luminance.cl"
 
 // Light of a picture below which noise is hardly seen: noise counts relative to the tile's light and this.
 #define DIM_LIGHT 0.1f

@@ -421,12 +421,8 @@ class View:
         """The samples that each pixel gets, at most."""
         if self.samples is not None:
             return self.samples
-        return _MOST_NOISY_SAMPLES if self.is_adaptive else _DEFAULT_SAMPLES.get(self.shading, 1)
-
-    @property
-    def is_adaptive(self) -> bool:
-        """Whether pixels get samples by their noise."""
-        return self.noise > 0 and self.shading == "path"
+        is_adaptive = self.noise > 0 and self.shading == "path"
+        return _MOST_NOISY_SAMPLES if is_adaptive else _DEFAULT_SAMPLES.get(self.shading, 1)
 
     @property
     def curve(self) -> str:

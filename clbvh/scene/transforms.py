@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import SceneError
 from ..geometry.arrays import has_masked_values
 from ..geometry.mesh import Mesh
-from ..support.compiled import compiled
 from .handles import Vector, read_vector, shorten
 
 
@@ -186,6 +185,9 @@ _LEAST_DETERMINANT = 2.0**-46
 # The faults of a matrix.
 _NOT_FINITE, _NOT_AFFINE, _SINGULAR = 1, 2, 3
 
+# Matrices that are checked at a time: few enough for the cache.
+_CHECKED = 1 << 12
+
 
 def check_transform(transform: ArrayLike | None, name: str = "the transform") -> NDArray[np.float64]:
     """Return one transform as (4, 4) float64 of our own; the identity for None.
@@ -196,7 +198,7 @@ def check_transform(transform: ArrayLike | None, name: str = "the transform") ->
         See `check_transforms`.
     """
     if transform is None:
-        return np.eye(4)  # not checked: a lone mesh would wait 1.4 s while the check is compiled
+        return np.eye(4)
     matrix = _as_numbers(transform, name)
     if matrix.shape != (4, 4):
         raise SceneError(f"{name} must be a matrix of shape (4, 4), not {matrix.shape}")
@@ -227,9 +229,11 @@ def check_transforms(
         raise SceneError(f"the transforms must be an array of shape (n, 4, 4), not {given.shape}")
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is found below
         matrices = np.array(given, np.float64, order="C")
-    fault, index = _find_fault(matrices)
-    if fault:
-        raise SceneError(f"{name_of(index)} {_describe_fault(fault, matrices[index])}")
+    for begin in range(0, len(matrices), _CHECKED):
+        faults = _find_faults(matrices[begin : begin + _CHECKED])
+        if faults.any():
+            index = begin + int(np.argmax(faults != 0))
+            raise SceneError(f"{name_of(index)} {_describe_fault(faults[index - begin], matrices[index])}")
     return matrices
 
 
@@ -255,43 +259,25 @@ def _describe_fault(fault: int, matrix: NDArray[np.float64]) -> str:
     return "is singular: it flattens what it moves, and rays cannot be moved back"
 
 
-@compiled
-def _find_fault(matrices):
-    """Return the first fault of (n, 4, 4) matrices and the index of its matrix: one of the constants above, or 0."""
-    for index in range(len(matrices)):
-        matrix = matrices[index]
-        for row in range(4):
-            for column in range(4):
-                if not math.isfinite(matrix[row, column]):
-                    return _NOT_FINITE, index
-        if matrix[3, 0] != 0.0 or matrix[3, 1] != 0.0 or matrix[3, 2] != 0.0 or matrix[3, 3] != 1.0:
-            return _NOT_AFFINE, index
-        if abs(_scaled_determinant(matrix)) < _LEAST_DETERMINANT:
-            return _SINGULAR, index
-    return 0, 0
+def _find_faults(matrices: NDArray[np.float64]) -> NDArray[np.integer]:
+    """Return the first fault of each of (n, 4, 4) matrices, n > 0: one of the constants above, or 0."""
+    entries = np.ascontiguousarray(matrices.transpose(1, 2, 0))  # numpy is slow along short axes
+    is_finite = np.isfinite(entries).all(axis=(0, 1))
+    is_affine = (entries[3].T == (0.0, 0.0, 0.0, 1.0)).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        is_singular = abs(_scaled_determinants(entries[:3, :3])) < _LEAST_DETERMINANT
+    return np.select((~is_finite, ~is_affine, is_singular), (_NOT_FINITE, _NOT_AFFINE, _SINGULAR), 0)
 
 
-@compiled
-def _scaled_determinant(matrix):
-    """Return the determinant of the linear part, after its columns and rows are scaled to a largest entry of 1/2 to 1.
+def _scaled_determinants(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the determinants of (3, 3, n), after columns and rows are scaled to a largest entry of 1/2 to 1.
 
     The scales are powers of two, which rounds nothing. So the unit of either side does not matter, nor does a scale
     that differs between the axes of the geometry or of the scene. Columns come before rows: the rows of a geometry that
     is made thin and then rotated are all alike.
     """
-    scaled = np.empty((3, 3))
-    for column in range(3):
-        largest = max(abs(matrix[0, column]), abs(matrix[1, column]), abs(matrix[2, column]))
-        _, exponent = math.frexp(largest)
-        for row in range(3):
-            scaled[row, column] = math.ldexp(matrix[row, column], -exponent)
-    for row in range(3):
-        largest = max(abs(scaled[row, 0]), abs(scaled[row, 1]), abs(scaled[row, 2]))
-        _, exponent = math.frexp(largest)
-        for column in range(3):
-            scaled[row, column] = math.ldexp(scaled[row, column], -exponent)
-    return (
-        scaled[0, 0] * (scaled[1, 1] * scaled[2, 2] - scaled[1, 2] * scaled[2, 1])
-        + scaled[0, 1] * (scaled[1, 2] * scaled[2, 0] - scaled[1, 0] * scaled[2, 2])
-        + scaled[0, 2] * (scaled[1, 0] * scaled[2, 1] - scaled[1, 1] * scaled[2, 0])
-    )
+    for axis in (0, 1):
+        _, exponents = np.frexp(abs(linear).max(axis=axis, keepdims=True))
+        linear = np.ldexp(linear, -exponents)
+    a, b, c = linear
+    return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])

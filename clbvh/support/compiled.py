@@ -29,18 +29,18 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
-from numba import types
 from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.environment import Environment, lookup_environment
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
+from .compiled_parts import Calls, PartCompiler
 from .files import replacing
 from .folders import find_cache, is_writable, say_unusable
 from .say_once import say_compiling, say_once
@@ -90,7 +90,10 @@ def compiled(
     # Without the form that C could call, which nobody does: it would take 6 % of the time to compile.
     options = {"nogil": True, "error_model": error_model, "forceinline": is_inlined, "no_cfunc_wrapper": True}
     dispatcher = _njit(**options)(function)
-    dispatcher.get_call_template = partial(_find_general_version, dispatcher.get_call_template)
+    # What Python calls and what other compiled functions call are versions of their own.
+    dispatcher.part = _njit(**options, no_cpython_wrapper=True, pipeline_class=PartCompiler)(function)
+    calls = Calls(dispatcher, dispatcher.part)
+    dispatcher.get_call_template, dispatcher.get_overload = calls.get_call_template, calls.get_overload
     _dispatchers[id(dispatcher)] = dispatcher
     if (folder := find_compiled_cache()) is not None:
         # numba reads the setting when it gives a function its cache. It is restored for other packages.
@@ -102,18 +105,6 @@ def compiled(
             finally:
                 _settings.CACHE_DIR = others
     return dispatcher
-
-
-def _find_general_version(find: Callable[..., Any], arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
-    """Make all calls from other compiled functions share one version for each list of types.
-
-    numba would compile another version for each literal number in a call, such as ``f(x, 3)``. LLVM still knows the
-    number where it inlines the function.
-    """
-    return find(
-        tuple(types.unliteral(argument) for argument in arguments),
-        {name: types.unliteral(argument) for name, argument in named.items()},
-    )
 
 
 class _CompilationListener(event.Listener):

@@ -334,7 +334,7 @@ class Call(MemoryLoan):
         )  # fmt: skip
         return results
 
-    def run_on_host(self, ray_count: int, task: Callable[[int, int], object]) -> None:
+    def run_on_host(self, ray_count: int, task: Callable[[int, int], None]) -> None:
         """Call ``task(begin, end)`` for ranges of rays, by several threads; its time counts as a kernel's."""
         begin = time.perf_counter()
         self.threads.for_ranges(ray_count, task, least_items=_LEAST_HOST_RAYS)

@@ -130,7 +130,7 @@ class _Worker:
         try:
             self.pipe.send_bytes(ForkingPickler.dumps((handles, step, task)))
             succeeded, value = self.pipe.recv()
-        except (EOFError, OSError):
+        except (EOFError, OSError, TypeError):  # TypeError: another worker has failed, and its thread closes the pipe
             self.join()
             raise PoolError(
                 f"worker {self._number} died (exit code {self.process.exitcode}); a negative code is the signal that "

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 import clbvh
 from clbvh.support import compiled as home
@@ -97,15 +98,41 @@ def add_numbers(a):
 
 assert add_numbers(5) == 21
 ours = {one.__name__: one for one in _dispatchers.values()}
-versions = {name: len(one.signatures) for name, one in ours.items()}
+versions = {name: [len(one.signatures), len(one.part.signatures)] for name, one in ours.items()}
 print(json.dumps([len(ours["add_numbers"].stats.cache_misses), versions]))
 """
 
 
 def test_numbers_in_calls_make_no_versions_and_a_second_process_loads(tmp_path):
     (tmp_path / "counting.py").write_text(COUNTING)
-    assert run_alone(tmp_path, "import counting") == [1, {"add": 1, "add_numbers": 1}]
-    assert run_alone(tmp_path, "import counting") == [0, {"add": 0, "add_numbers": 1}]
+    assert run_alone(tmp_path, "import counting") == [1, {"add": [0, 1], "add_numbers": [1, 0]}]
+    assert run_alone(tmp_path, "import counting") == [0, {"add": [0, 0], "add_numbers": [1, 0]}]
+    # What only compiled functions call has no file.
+    assert len(list(tmp_path.rglob("*.nbc"))) == 1
+
+
+def test_python_and_compiled_functions_call_the_same_function():
+    @home.compiled
+    def half(x):
+        return 1.0 / x if x != 2 else raises()
+
+    @home.compiled
+    def raises():
+        raise ValueError("two")
+
+    @home.compiled
+    def two_halves(x):
+        return half(x) + half(3)
+
+    assert two_halves(4) == 1 / 4 + 1 / 3
+    assert half(4) == 1 / 4  # after a part was made of it
+    assert half(4.0) == 1 / 4
+    assert two_halves(4.0) == 1 / 4 + 1 / 3  # after it was compiled for Python
+    for function in (half, two_halves):
+        with pytest.raises(ValueError, match="two"):
+            function(2)
+        with pytest.raises(ZeroDivisionError):
+            function(0)
 
 
 def test_modules_that_are_imported_at_once_leave_numba_as_it_was(monkeypatch):
