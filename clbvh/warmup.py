@@ -22,7 +22,7 @@ Work = tuple[str, Callable[[], object]]
 # Enough for a tree with several subtrees.
 _TRIANGLES = 3_000
 
-# Rays of one query: one, as many as the host casts itself, a batch, and a batch that is sorted.
+# Rays of one query: one, as many as one thread of the host casts and as several do, and a batch that the device sorts.
 _COUNTS = ((), (3,), (2_000,), (70_000,))
 
 _WIDTH, _HEIGHT = 32, 24
