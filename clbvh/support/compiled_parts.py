@@ -65,7 +65,6 @@ class _PartLowering(NativeLowering):
 
         library._finalize_final_module = finalize  # numba would add the module to the process, and compile it
         state.targetctx.insert_user_function(entry_point, state.cr.fndesc, [library])
-        state.reload_init.extend(library._reload_init)
         state.cr = state.cr._replace(cfunc=entry_point)
         return True
 
