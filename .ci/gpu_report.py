@@ -45,7 +45,7 @@ NO_PTXAS = "compilers for GPUs: ptxas is missing: pip install nvidia-cuda-nvcc-c
 _GROUP_SIZE = 64
 
 # Kernels of films, and those that pack rays and refine hits, need no tree.
-_OF_NO_TREE = ("develop", "join_cells", "pack_rays", "refine_hits")
+_OF_NO_TREE = ("add_samples", "develop", "pack_rays", "refine_hits", "settle_tiles")
 
 # Files of several kernels, by which trees are built and refitted; the wide layouts differ by their width alone.
 _OF_BUILDS = ("build_tree", "radix_sort", "write_blocks", "refit_nodes")

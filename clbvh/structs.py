@@ -514,14 +514,10 @@ LANE_LAYOUTS = ("bvh4", "bvh8")
 # The primitives of a geometry.
 PRIM_KINDS = {"triangles": 0, "spheres": 1}
 
-# The pixels for which the samples of a film's cell count: 3 x 3, see cl/film/cells.cl.
-CELL_PIXELS = 9
-
 # Samples of the first pass after which the light of cells is compared, see cl/kernels/settle_tiles.cl.
 SETTLING_SAMPLES = 8
 
 DEVICE_CONSTANTS = {
-    "CELL_PIXELS": CELL_PIXELS,
     "SETTLING_SAMPLES": SETTLING_SAMPLES,
     "NO_PRIM": NO_PRIM,
     "FLAT_FACE": FLAT_FACE,

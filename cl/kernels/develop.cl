@@ -3,6 +3,7 @@
 // film[row_count * width]      float4: sums of linear red, green, blue, and of the share that is covered
 // row_count                    rows of the film
 // sample_count                 samples in the sums
+// counts[row_count * width]    the same for each pixel, in its place; NULL if all are alike
 // view[1]                      view_t
 // colours[row_count * width]   written: red, green, blue and alpha; alpha is 255 where all samples hit something
 //
@@ -13,7 +14,7 @@
 
 kernel void develop(
     const global float4 *restrict film, const int row_count, const int sample_count,
-    const global view_t *restrict view, global uchar4 *restrict colours)
+    const global int *restrict counts, const global view_t *restrict view, global uchar4 *restrict colours)
 {
     const int column = get_global_id(0);
     const int row = get_global_id(1);
@@ -21,7 +22,7 @@ kernel void develop(
         return;
     }
     const int pixel = row * view->width + column;
-    const float4 mean = film[pixel] / (float)sample_count;
+    const float4 mean = film[pixel] / (float)(counts ? counts[pixel] : sample_count);
     // Light that is seen before a transparent background is that of the covered share alone.
     const float share = view->is_transparent && mean.w > 0.0f ? mean.w : 1.0f;
     const float3 light = view->exposure / share * mean.xyz;

@@ -1,4 +1,4 @@
-// Samples of a band of rows of a picture, added to its film: by pixels, or for SHADE_PATH by cells, see film/cells.cl.
+// Samples of a band of rows of a picture: added to its film of pixels, or for SHADE_PATH of cells, see film/cells.cl.
 //
 // Shared arguments: see cl/world/world.cl, cl/looks/looks.cl and cl/traversal/entry_point.cl.
 // lights[] and so on          see cl/film/lights.cl; NULL but for SHADE_PATH
@@ -7,7 +7,7 @@
 // first_sample, sample_count  samples to take of each pixel, by their numbers
 // settled[]                   tiles that get no more samples, see settle_tiles.cl; NULL but for SHADE_PATH with noise
 // film[row_count * width]     float4, added to: linear red, green, blue, and the share that is covered. For SHADE_PATH,
-//                             it has CELL_PIXELS of them for each of (row_count + 2) * (width + 2) cells
+//                             written: each sample, as add_samples.cl reads them
 // hits[row_count * width]     written with sample 0, which is the centre of the pixel: t in local units
 //
 // SHADING: the shading's number, one of SHADE_STUDIO, SHADE_AO, SHADE_ALBEDO and SHADE_PATH. HAS_CUTOUTS: see
@@ -28,7 +28,6 @@
 #include "sampling/screen.cl"
 #include "traversal/entry_point.cl"
 #if SHADING == SHADE_PATH
-#include "film/cell_rays.cl"
 #include "film/cells.cl"
 #include "film/path.cl"
 #elif SHADING == SHADE_AO
@@ -98,26 +97,25 @@ kernel void render_samples(
 
 #if SHADING == SHADE_PATH
     const lights_t light_tables = {lights, light_choices, environment, environment_rows, environment_columns};
-    cell_t cell = load_cell(film, pixel, first_sample == 0);
     for (int sample = first_sample; sample < first_sample + sample_count; sample++) {
         const float2 offset = find_offset(sample);
         world_ray_t ray;
+        float4 value = (float4)(0.0f);
         ray_hits_t ray_hits = make_ray_hits();
         sobol_sampler_t sampler = make_sampler(row * width + column, sample, view->seed);
         if (sample_cell(view, column, row, offset, sample, &ray)) {
-            float4 value = find_path_sample(&stage, &light_tables, &ray, row - 1, &sampler, &ray_hits);
+            value = find_path_sample(&stage, &light_tables, &ray, row - 1, &sampler, &ray_hits);
 #if HAS_WIREFRAME
             const float2 point = film_point(view, column - 1, row - 1, offset);
             value.xyz = draw_lines(&stage, &ray, point, &ray_hits.shown, value.xyz);
 #endif
-            add_to_cell(&cell, offset, value);
         }
+        film[(sample - first_sample) * width * (row_count + 2) + pixel] = value;
         const bool is_inside = column > 0 && column <= view->width && band_row > 0 && band_row <= row_count;
         if (sample == 0 && is_inside) {
             hits[(band_row - 1) * view->width + column - 1] = as_kept_hit(&ray_hits.first, &ray_hits.first.nearest);
         }
     }
-    store_cell(&cell, film, pixel);
 #else
 #if SHADING == SHADE_STUDIO
     known_light_t light;

@@ -1,37 +1,30 @@
-// The tiles of a film by cells that need no more samples, see film/cells.cl. A tile is a work-group of render_samples.
+// The tiles of cells that need no more samples, see film/cells.cl. A tile is a work-group of render_samples.
 //
 // Passes end after SETTLING_SAMPLES samples, twice, four times, eight times as many, ... The mean light of a cell
 // changes from one pass to the next by about the noise that the new mean has; the noise of a tile is the root mean
 // square over its cells.
+//
+// sums[cells]              see add_samples.cl
+// view[1], row_count       the picture, and its rows in this band
+// tile_width, tile_height  cells of a tile
+// sample_count             samples of the tiles that are not settled: a pass has ended
+// noise                    a tile with less noise, as a share of its light, is settled
+// lights[cells]            light of each cell: after the pass before, and then after this one
+// settled[tiles]           written: 0, or the samples after which the tile was settled
+//
+// Work-items: tiles, columns and rows.
 
 // keep: forbids contraction
 #include "math/numeric.cl"
-#include "film/cells.cl"
 #include "film/luminance.cl"
+#include "structs.cl"
 
 // Light of a picture below which noise is hardly seen: noise counts relative to the tile's light and this.
 #define DIM_LIGHT 0.1f
 
-INLINED float mean_light(const global float4 *cell)
-{
-    float4 sum = (float4)(0.0f);
-    for (int pixel = 0; pixel < CELL_PIXELS; pixel++) {
-        sum += cell[pixel];
-    }
-    return luminance(sum.xyz);
-}
-
-// cells[], view[1], row_count   see render_samples.cl and join_cells.cl
-// tile_width, tile_height       cells of a tile
-// pass                          number of the pass that has ended, from 0
-// noise                         a tile with less noise, as a share of its light, is settled
-// lights[cells]                 mean light of each cell: after the pass before, and then after this one
-// settled[tiles]                0, or the pass after which the tile was settled; written
-//
-// Work-items: tiles, columns and rows.
 kernel void settle_tiles(
-    const global float4 *restrict cells, const global view_t *restrict view, const int row_count, const int tile_width,
-    const int tile_height, const int pass, const float noise, global float *restrict lights,
+    const global float4 *restrict sums, const global view_t *restrict view, const int row_count, const int tile_width,
+    const int tile_height, const int sample_count, const float noise, global float *restrict lights,
     global int *restrict settled)
 {
     const int columns = view->width + 2;
@@ -41,14 +34,13 @@ kernel void settle_tiles(
     if (settled[tile]) {
         return;
     }
-    const float scale = view->exposure / (float)(SETTLING_SAMPLES << pass);
     float light = 0.0f;
     float change = 0.0f;
     int count = 0;
     for (int row = first_row; row < min(first_row + tile_height, row_count + 2); row++) {
         for (int column = first_column; column < min(first_column + tile_width, columns); column++) {
             const int cell = row * columns + column;
-            const float found = scale * mean_light(cells + CELL_PIXELS * cell);
+            const float found = view->exposure * luminance(sums[cell].xyz) / sample_count;
             const float difference = found - lights[cell];
             light += found;
             change += difference * difference;
@@ -57,27 +49,7 @@ kernel void settle_tiles(
         }
     }
     const float bound = noise * (light / count + DIM_LIGHT);
-    if (pass > 0 && change < count * bound * bound) {
-        settled[tile] = pass;
-    }
-}
-
-// What white light leaves in a cell, in the mean of the samples: row by row those of a tile that was settled after a
-// pass, and in row 0 those of the tiles that were not.
-//
-// sample_count  samples of the tiles that were not settled
-// weights[]     written: CELL_PIXELS of them a row
-//
-// Work-items: rows.
-kernel void weigh_samples(const int sample_count, global float *restrict weights)
-{
-    const int row = get_global_id(0);
-    const int count = row == 0 ? sample_count : SETTLING_SAMPLES << row;
-    cell_t cell = {{(float4)(0.0f)}};
-    for (int sample = 0; sample < count; sample++) {
-        add_to_cell(&cell, find_offset(sample), (float4)(1.0f));
-    }
-    for (int pixel = 0; pixel < CELL_PIXELS; pixel++) {
-        weights[CELL_PIXELS * row + pixel] = cell.sums[pixel].x / count;
+    if (sample_count > SETTLING_SAMPLES && change < count * bound * bound) {
+        settled[tile] = sample_count;
     }
 }

@@ -13,3 +13,9 @@ INLINED float2 pattern_point(const uint sample)
 {
     return (float2)(as_unit_float(R2_START + sample * R2_STEP_X), as_unit_float(R2_START + sample * R2_STEP_Y));
 }
+
+// Where a sample of a cell is from the centre of its pixel, -0.5 to 0.5 in each direction; see film/cells.cl.
+INLINED float2 find_offset(const uint sample)
+{
+    return pattern_point(sample) - 0.5f;
+}

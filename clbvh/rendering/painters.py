@@ -23,7 +23,7 @@ from ..device.info import DeviceInfo
 from ..device.program import build_kernel
 from ..device.session import DeviceSession
 from ..errors import SceneError
-from ..structs import CELL_PIXELS, VIEW
+from ..structs import VIEW
 from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
 from ..trace.launch import Call, Caster
@@ -183,7 +183,7 @@ class FrameRenderer:
             for first_row in range(0, height, band_rows):
                 rows = film[first_row : first_row + band_rows]
                 session.write(buffers["film"], rows)
-                counts = {"row_count": np.int32(len(rows)), "sample_count": np.int32(1)}
+                counts = {"row_count": np.int32(len(rows)), "sample_count": np.int32(1), "counts": None}
                 session.run(kernel, (width, len(rows)), session.settings.tile, **buffers, **counts)
                 session.download(buffers["colours"], colours[first_row : first_row + band_rows])
         return colours
@@ -300,6 +300,9 @@ _FILM_BYTES = 16  # four channels of float32
 # A launch takes a multiple of it, but for the last one: the samples of a pair share work, see cl/film/studio.cl.
 _LEAST_SAMPLES = 2
 
+# Samples of cells that wait to be added: of large pictures, _LEAST_SAMPLES of each.
+_WAITING_BYTES = 2**25
+
 # Pixels around the centre of a pixel in which its samples are, see cl/film/pixel.cl.
 _FILTER_RADIUS = 1.0
 
@@ -363,8 +366,8 @@ class _SampleShading:
 
     Attributes
     ----------
-    join_cells : Kernel or None
-        Makes pixels of the film's cells; None where the film is one by pixels.
+    add_samples : Kernel or None
+        Adds samples of cells to the film; None where they are samples of pixels, and added as they are taken.
     """
 
     def __init__(self, session: DeviceSession, world: World, shading: str, parts: Mapping[str, int]) -> None:
@@ -373,7 +376,7 @@ class _SampleShading:
         defines = {**world.defines, "SHADING": SHADINGS[shading], **parts}
         self.kernel = build_kernel(session, "render_samples", defines)
         self.develop = build_kernel(session, _DEVELOP)
-        self.join_cells = build_kernel(session, "join_cells") if shading == "path" else None
+        self.add_samples = build_kernel(session, "add_samples") if shading == "path" else None
         self.entry_points = _ViewEntryPoints(session, world, self.tile, _FILTER_RADIUS)
 
 
@@ -399,54 +402,63 @@ class SamplePainter:
     @property
     def pixel_bytes(self) -> int:
         """Bytes of the largest buffer for each pixel, beside those of the band."""
-        return _FILM_BYTES * (CELL_PIXELS if self.shading.join_cells else 1)
+        return _FILM_BYTES * (_LEAST_SAMPLES if self.shading.add_samples else 1)
 
     def paint(self, band: Band) -> float:
         """Fill the colours and the hits of a band; return the seconds of the first launch."""
-        shading, progress, size = self.shading, self.progress, band.size
+        shading, progress, session = self.shading, self.progress, band.memory.session
         film = band.take("film", band.width * band.row_count * _FILM_BYTES)
-        arguments = {**shading.arguments, **self.arguments, **band.rows}
+        arguments = {**shading.arguments, **self.arguments, **band.rows, "hits": band.hits}
         tiles = None
-        if shading.join_cells:
+        if shading.add_samples:
+            cells = band.width + _BORDER, band.row_count + _BORDER
+            sample_bytes = cells[0] * cells[1] * _FILM_BYTES
+            most = min(progress.samples, max(_LEAST_SAMPLES, _WAITING_BYTES // sample_bytes))
+            samples = band.take("samples", most * sample_bytes)
+            tiles = NoisyTiles(band, cells, shading.tile, progress.noise) if progress.noise else None
+            of_tiles = tiles.arguments if tiles else ALL_ALIKE
             # Cells are not the tiles of pixels for which entry points are found: their rays begin at the root.
-            columns, rows = cells_size = band.width + _BORDER, band.row_count + _BORDER
-            cells = band.take("cells", CELL_PIXELS * columns * rows * _FILM_BYTES)
-            if progress.noise:
-                tiles = NoisyTiles(band, cells, cells_size, shading.tile, progress.noise)
-                arguments["settled"] = tiles.settled
-            arguments |= {**AT_THE_ROOT, "film": cells}
-            taken, launch_s = self._take_samples(band, cells_size, arguments, tiles)
-            width, row_count = map(np.int32, size)
-            band.run(
-                shading.join_cells, size, shading.tile, cells=cells, width=width, row_count=row_count,
-                is_apart=np.int32(progress.is_apart), film=film, **(tiles.weigh(taken) if tiles else ALL_ALIKE),
-            )  # fmt: skip
+            arguments |= {**AT_THE_ROOT, "film": samples, "settled": of_tiles["settled"]}
+            size = {"width": np.int32(band.width), "row_count": np.int32(band.row_count)}
+            is_apart = np.int32(progress.is_apart)
+
+            def take(**chosen: Any) -> None:
+                band.run(shading.kernel, cells, shading.tile, **arguments, **chosen)
+                band.run(
+                    shading.add_samples, cells, shading.tile, samples=samples, is_apart=is_apart, film=film, **size,
+                    **of_tiles, **chosen,
+                )  # fmt: skip
+
         else:
+            most, of_tiles = progress.samples, ALL_ALIKE
             arguments |= {**shading.entry_points.find(band), "film": film}
-            taken, launch_s = self._take_samples(band, size, arguments)
-        in_film = 1 if tiles else taken
+
+            def take(**chosen: Any) -> None:
+                band.run(shading.kernel, band.size, shading.tile, **arguments, **chosen)
+
+        taken, launch_s = self._take_samples(band, take, most, tiles)
+        counts = of_tiles["counts"]
         band.run(
-            shading.develop, size, shading.tile, film=film, row_count=np.int32(band.row_count),
-            sample_count=np.int32(in_film), view=band.view, colours=band.colours,
+            shading.develop, band.size, shading.tile, film=film, row_count=np.int32(band.row_count), counts=counts,
+            sample_count=np.int32(taken), view=band.view, colours=band.colours,
         )  # fmt: skip
         progress.of_bands[band.first_row] = tiles.mean_samples(taken) if tiles else taken
         if (kept := progress.film) is not None:
             rows_of_film = kept[band.first_row : band.first_row + band.row_count]
-            band.memory.session.download(film, rows_of_film)
-            rows_of_film /= np.float32(in_film)
+            session.download(film, rows_of_film)
+            rows_of_film /= np.float32(taken) if tiles is None else tiles.samples_of_pixels()
         return launch_s
 
     def _take_samples(
-        self, band: Band, size: tuple[int, int], arguments: dict[str, Any], tiles: NoisyTiles | None = None
+        self, band: Band, take: Callable[..., None], most: int, tiles: NoisyTiles | None
     ) -> tuple[int, float]:
-        """Add samples to the film, with this many work-items; return how many, and the seconds of the first launch."""
+        """Take samples, at most so many at a time; return how many, and the seconds of the first launch."""
         progress, first_s = self.progress, 0.0
         first, count = 0, min(_LEAST_SAMPLES, progress.samples)
         end_s = self.begin + progress.time_limit_s * (band.first_row + band.row_count) / band.height
         while True:
             begin = time.perf_counter()
-            chosen = {"first_sample": np.int32(first), "sample_count": np.int32(count)}
-            band.run(self.shading.kernel, size, self.shading.tile, **arguments, **chosen, hits=band.hits)
+            take(first_sample=np.int32(first), sample_count=np.int32(count))
             band.memory.session.finish()
             now = time.perf_counter()
             first_s = first_s or now - begin
@@ -457,7 +469,7 @@ class SamplePainter:
                 return first, first_s
             fitting = int(progress.launch_s * count / max(now - begin, 1e-9)) // _LEAST_SAMPLES * _LEAST_SAMPLES
             end = progress.samples if tiles is None else min(tiles.end, progress.samples)
-            count = min(end - first, max(_LEAST_SAMPLES, fitting))
+            count = min(end - first, max(_LEAST_SAMPLES, min(fitting, most)))
 
 
 def open_session(device: DeviceInfo | str | int | None, shading: str) -> DeviceSession:
