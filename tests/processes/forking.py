@@ -38,7 +38,7 @@ class Parent:
         self.mesh = clbvh.make_shape("knot", triangles=1800)
         self.bvh = clbvh.build(self.mesh)
         # More than the host casts itself.
-        self.rays = np.random.default_rng(0).normal(size=(2, 2000, 3))
+        self.rays = np.random.default_rng(0).normal(size=(2, 70_000, 3))
         self.box = RayMeshIntersector(trimesh.creation.box())
         self.objects = clbvh.Scene()
         self.object = self.objects.add(self.mesh)
