@@ -406,51 +406,57 @@ class SamplePainter:
 
     def paint(self, band: Band) -> float:
         """Fill the colours and the hits of a band; return the seconds of the first launch."""
-        shading, progress, session = self.shading, self.progress, band.memory.session
+        shading, progress = self.shading, self.progress
         film = band.take("film", band.width * band.row_count * _FILM_BYTES)
-        arguments = {**shading.arguments, **self.arguments, **band.rows, "hits": band.hits}
-        tiles = None
-        if shading.add_samples:
-            cells = band.width + _BORDER, band.row_count + _BORDER
-            sample_bytes = cells[0] * cells[1] * _FILM_BYTES
-            most = min(progress.samples, max(_LEAST_SAMPLES, _WAITING_BYTES // sample_bytes))
-            samples = band.take("samples", most * sample_bytes)
-            tiles = NoisyTiles(band, cells, shading.tile, progress.noise) if progress.noise else None
-            of_tiles = tiles.arguments if tiles else ALL_ALIKE
-            # Cells are not the tiles of pixels for which entry points are found: their rays begin at the root.
-            arguments |= {**AT_THE_ROOT, "film": samples, "settled": of_tiles["settled"]}
-            size = {"width": np.int32(band.width), "row_count": np.int32(band.row_count)}
-            is_apart = np.int32(progress.is_apart)
-
-            def take(**chosen: Any) -> None:
-                band.run(shading.kernel, cells, shading.tile, **arguments, **chosen)
-                band.run(
-                    shading.add_samples, cells, shading.tile, samples=samples, is_apart=is_apart, film=film, **size,
-                    **of_tiles, **chosen,
-                )  # fmt: skip
-
-        else:
-            most, of_tiles = progress.samples, ALL_ALIKE
-            arguments |= {**shading.entry_points.find(band), "film": film}
-
-            def take(**chosen: Any) -> None:
-                band.run(shading.kernel, band.size, shading.tile, **arguments, **chosen)
-
-        taken, launch_s = self._take_samples(band, take, most, tiles)
-        counts = of_tiles["counts"]
+        sample = self._sample_cells if shading.add_samples else self._sample_pixels
+        taken, launch_s, tiles = sample(band, film)
         band.run(
-            shading.develop, band.size, shading.tile, film=film, row_count=np.int32(band.row_count), counts=counts,
-            sample_count=np.int32(taken), view=band.view, colours=band.colours,
+            shading.develop, band.size, shading.tile, film=film, row_count=np.int32(band.row_count),
+            sample_count=np.int32(taken), counts=tiles.arguments["counts"] if tiles else None, view=band.view,
+            colours=band.colours,
         )  # fmt: skip
         progress.of_bands[band.first_row] = tiles.mean_samples(taken) if tiles else taken
         if (kept := progress.film) is not None:
             rows_of_film = kept[band.first_row : band.first_row + band.row_count]
-            session.download(film, rows_of_film)
-            rows_of_film /= np.float32(taken) if tiles is None else tiles.samples_of_pixels()
+            band.memory.session.download(film, rows_of_film)
+            rows_of_film /= tiles.samples_of_pixels() if tiles else np.float32(taken)
         return launch_s
 
+    def _sample_pixels(self, band: Band, film: Any) -> tuple[int, float, None]:
+        """Add samples of pixels to the film; return as `_take_samples`, and no tiles."""
+        shading = self.shading
+        fixed = {**shading.arguments, **self.arguments, **band.rows, **shading.entry_points.find(band)}
+
+        def take(**chosen: Any) -> None:
+            band.run(shading.kernel, band.size, shading.tile, **fixed, film=film, hits=band.hits, **chosen)
+
+        return *self._take_samples(band, take, self.progress.samples), None
+
+    def _sample_cells(self, band: Band, film: Any) -> tuple[int, float, NoisyTiles | None]:
+        """Add samples of cells to the film; return as `_take_samples`, and the tiles, if noise decides."""
+        shading, progress = self.shading, self.progress
+        cells = band.width + _BORDER, band.row_count + _BORDER
+        sample_bytes = cells[0] * cells[1] * _FILM_BYTES
+        most = min(progress.samples, max(_LEAST_SAMPLES, _WAITING_BYTES // sample_bytes))
+        samples = band.take("samples", most * sample_bytes)
+        tiles = NoisyTiles(band, cells, shading.tile, progress.noise) if progress.noise else None
+        of_tiles = tiles.arguments if tiles else ALL_ALIKE
+        # Cells are not the tiles of pixels for which entry points are found: their rays begin at the root.
+        fixed = {**shading.arguments, **self.arguments, **band.rows, **AT_THE_ROOT, "settled": of_tiles["settled"]}
+        of_film = {"width": np.int32(band.width), "row_count": np.int32(band.row_count), "film": film}
+        is_apart = np.int32(progress.is_apart)
+
+        def take(**chosen: Any) -> None:
+            band.run(shading.kernel, cells, shading.tile, **fixed, film=samples, hits=band.hits, **chosen)
+            band.run(
+                shading.add_samples, cells, shading.tile, samples=samples, is_apart=is_apart, **of_film, **of_tiles,
+                **chosen,
+            )  # fmt: skip
+
+        return *self._take_samples(band, take, most, tiles), tiles
+
     def _take_samples(
-        self, band: Band, take: Callable[..., None], most: int, tiles: NoisyTiles | None
+        self, band: Band, take: Callable[..., None], most: int, tiles: NoisyTiles | None = None
     ) -> tuple[int, float]:
         """Take samples, at most so many at a time; return how many, and the seconds of the first launch."""
         progress, first_s = self.progress, 0.0
