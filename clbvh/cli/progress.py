@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-# No estimate of the time that is left before this many seconds: the first samples say little.
+# No estimate of the time that is left before this many seconds, nor below 1 %: the first samples say little.
 _LEAST_S = 0.5
 
 
@@ -53,8 +53,9 @@ class Progress:
         """Show how much of the phase is done."""
         spent = time.perf_counter() - self._phase_begin
         if spent > _LEAST_S:
-            left = spent * (total - done) / done
-            self._status.update(f"{self._phase}: {100 * done // total} %, about {left:.0f} s left ...")
+            percent, left = 100 * done // total, spent * (total - done) / done
+            estimate = f", about {left:.0f} s left" if percent else ""
+            self._status.update(f"{self._phase}: {percent} %{estimate} ...")
 
     def show_samples(self, limit_s: float | None) -> Callable[[int, int], None]:
         """Return a function that shows how many samples are done, or how much of a limited time has passed."""

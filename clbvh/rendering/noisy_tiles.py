@@ -45,8 +45,13 @@ class NoisyTiles:
         }
         band.memory.session.write(self.arguments["settled"], self._settled)
 
-    def end_pass(self) -> bool:
-        """Find the tiles that are settled, and begin another pass; return whether none needs it."""
+    @property
+    def settled_share(self) -> float:
+        """The share of the tiles that get no more samples."""
+        return float(np.count_nonzero(self._settled) / self._settled.size)
+
+    def end_pass(self) -> None:
+        """Find the tiles that are settled, and begin another pass."""
         band, settled = self._band, self.arguments["settled"]
         band.run(
             self._kernel, self._settled.shape[::-1], (1, 1), sums=self.arguments["sums"], view=band.view,
@@ -55,7 +60,6 @@ class NoisyTiles:
         )  # fmt: skip
         band.memory.session.download(settled, self._settled)
         self.end *= 2
-        return bool(self._settled.all())
 
     def mean_samples(self, taken: int) -> int:
         """Return the samples of a cell in the mean; those that are not settled have this many."""

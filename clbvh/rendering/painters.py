@@ -469,9 +469,13 @@ class SamplePainter:
             now = time.perf_counter()
             first_s = first_s or now - begin
             first += count
-            band.report(first / progress.samples)
-            is_settled = tiles is not None and first == tiles.end and tiles.end_pass()
-            if first >= progress.samples or is_settled or progress.is_stopped() or now > end_s:
+            done = first / progress.samples
+            if tiles is not None:
+                if first == tiles.end:
+                    tiles.end_pass()
+                done = max(done, tiles.settled_share)
+            band.report(done)
+            if done >= 1.0 or progress.is_stopped() or now > end_s:
                 return first, first_s
             fitting = int(progress.launch_s * count / max(now - begin, 1e-9)) // _LEAST_SAMPLES * _LEAST_SAMPLES
             end = progress.samples if tiles is None else min(tiles.end, progress.samples)

@@ -41,7 +41,7 @@ class Picture:
         255 where every sample hits something, 0 where none does. In a transparent picture also the shadow on the
         ground, and `rgb` is the colour of the covered share alone.
     samples : int
-        Of each pixel.
+        Of each pixel; in the mean, where the noise decides.
     found : (height, width) `structs.HIT`
         The device's hits through the centres of the pixels, in float32; t in local units.
     camera : Camera

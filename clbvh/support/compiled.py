@@ -29,7 +29,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -91,8 +91,8 @@ def compiled(
     options = {"nogil": True, "error_model": error_model, "forceinline": is_inlined, "no_cfunc_wrapper": True}
     dispatcher = _njit(**options)(function)
     # What Python calls and what other compiled functions call are versions of their own.
-    dispatcher.part = _njit(**options, no_cpython_wrapper=True, pipeline_class=PartCompiler)(function)
-    calls = Calls(dispatcher, dispatcher.part)
+    make_part = _njit(**options, no_cpython_wrapper=True, pipeline_class=PartCompiler)
+    dispatcher.calls = calls = Calls(dispatcher, partial(make_part, function))
     dispatcher.get_call_template, dispatcher.get_overload = calls.get_call_template, calls.get_overload
     _dispatchers[id(dispatcher)] = dispatcher
     if (folder := find_compiled_cache()) is not None:

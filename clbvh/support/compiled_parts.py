@@ -7,6 +7,8 @@ hit on a new machine takes two thirds of the time.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 from numba import types
@@ -24,13 +26,18 @@ class Calls:
     ----------
     function : dispatcher
         Python calls it.
-    part : dispatcher
-        Of the same function, with `PartCompiler`; nobody calls it.
+    make_part : function
+        Returns another dispatcher of the same function, with `PartCompiler`.
     """
 
-    def __init__(self, function: Any, part: Any) -> None:
-        self._function, self._part = function, part
-        self._find = function.get_call_template, part.get_call_template
+    def __init__(self, function: Any, make_part: Callable[[], Any]) -> None:
+        self._function, self._make_part = function, make_part
+        self._find_complete = function.get_call_template
+
+    @cached_property
+    def part(self) -> Any:
+        """The dispatcher of the versions that only machine code calls. Few processes compile, and need it."""
+        return self._make_part()
 
     def get_call_template(self, arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
         """Return numba's template of a call, for lists of types.
@@ -41,11 +48,12 @@ class Calls:
         arguments = tuple(types.unliteral(argument) for argument in arguments)
         named = {name: types.unliteral(argument) for name, argument in named.items()}
         _, folded = self._function.fold_argument_types(arguments, named)
-        return self._find[tuple(folded) not in self._function.overloads](arguments, named)
+        is_complete = tuple(folded) in self._function.overloads
+        return (self._find_complete if is_complete else self.part.get_call_template)(arguments, named)
 
     def get_overload(self, arguments: tuple[Any, ...]) -> Any:
         """Return what numba knows the version for a list of types by."""
-        return (self._function.overloads.get(arguments) or self._part.overloads[arguments]).entry_point
+        return (self._function.overloads.get(arguments) or self.part.overloads[arguments]).entry_point
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)

@@ -98,7 +98,7 @@ def add_numbers(a):
 
 assert add_numbers(5) == 21
 ours = {one.__name__: one for one in _dispatchers.values()}
-versions = {name: [len(one.signatures), len(one.part.signatures)] for name, one in ours.items()}
+versions = {name: [len(one.signatures), len(one.calls.part.signatures)] for name, one in ours.items()}
 print(json.dumps([len(ours["add_numbers"].stats.cache_misses), versions]))
 """
 
