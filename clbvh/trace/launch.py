@@ -56,8 +56,10 @@ _KEY_BITS = 25
 
 _MS_PER_S = 1e3
 
-# Up to this many rays are cast by the host's threads, where they see the device's tree.
+# Up to this many rays are cast by the host's threads, where they see the device's tree; a quarter of them where hits
+# are not refined: for that, the device's way takes rays and hits through the memory once more.
 MOST_HOST_RAYS = 1 << 16
+_UNREFINED_DIVISOR = 4
 
 # Least of them that are worth a thread.
 _LEAST_HOST_RAYS = 512
@@ -235,9 +237,10 @@ class Call(MemoryLoan):
         """A branch of the caster's session, for this call."""
         return self.memory.session
 
-    def on_host(self, ray_count: int) -> WideArrays | None:
+    def on_host(self, ray_count: int, *, are_refined: bool = False) -> WideArrays | None:
         """Return the tree if the rays are so few that the host casts them itself, or else None."""
-        if not 0 < ray_count <= MOST_HOST_RAYS or is_device_forced():
+        most = MOST_HOST_RAYS if are_refined else MOST_HOST_RAYS // _UNREFINED_DIVISOR
+        if not 0 < ray_count <= most or is_device_forced():
             return None
         return self.world.on_host()
 

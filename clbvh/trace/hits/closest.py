@@ -46,7 +46,7 @@ def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: P
 
     def cast(call: Call, part: range, progress: Progress | None) -> None:
         world = call.world
-        if (tree := call.on_host(count)) is not None:
+        if (tree := call.on_host(count, are_refined=True)) is not None:
             cast_few = partial(_find_closest_on_host, tree, world.box, batch, world.arrays, refined)
             call.run_on_host(count, cast_few)
             if progress is not None:

@@ -104,7 +104,7 @@ def test_the_t_of_the_device_is_the_last_one_that_hits(open_tracer, mesh, rays, 
 
 def test_few_rays_at_a_mesh_are_cast_on_the_host(open_tracer, mesh, rays, session, launches, monkeypatch):
     tracer, most, few = open_tracer(mesh, layout="bvh8"), 1500, [part[:3] for part in rays]
-    monkeypatch.setattr(launch, "MOST_HOST_RAYS", most)
+    monkeypatch.setattr(launch, "MOST_HOST_RAYS", 4 * most)
     ask(tracer, [part[:most] for part in rays])
     alone = Scene()
     alone.place(alone.add(mesh))
