@@ -71,7 +71,11 @@ def test_threads_share_the_hits(tracer, mesh, monkeypatch):
 def test_each_ray_keeps_its_limits_when_it_is_cast_again(tracer, rays, monkeypatch):
     monkeypatch.setattr(module, "FIRST_SLOTS", 1)
     generator = np.random.default_rng(12)
-    limits = {"t_min": generator.uniform(0, 0.8, len(rays[0])), "t_max": generator.uniform(0.4, 2, len(rays[0]))}
+    # One array of numbers in a row, and one with gaps between them.
+    limits = {
+        "t_min": generator.uniform(0, 0.8, len(rays[0])),
+        "t_max": generator.uniform(0.4, 2, 2 * len(rays[0]))[::2],
+    }
     hits = tracer.all_hits(*rays, **limits)
     assert (hits.counts > 1).sum() > 100
     np.testing.assert_array_equal(hits.counts, tracer.count_hits(*rays, **limits))
