@@ -88,15 +88,16 @@ kernel void add_samples(
             sum += light_of(&cells, column, row);
             continue;
         }
-        // Samples that are left of their centres count for the pixel of the cell and for the one to the left of it.
+        // A sample to the left of its cell's centre counts for the pixel of the cell and for the one to the left of it:
+        // this pixel gets it from its own cell, and from the one to the right.
         const float2 offset = find_offset(first_sample + sample);
-        const int beside = offset.x < 0.0f ? column + 1 : column - 1;
-        const int below = offset.y < 0.0f ? row + 1 : row - 1;
+        const int other_column = offset.x < 0.0f ? column + 1 : column - 1;
+        const int other_row = offset.y < 0.0f ? row + 1 : row - 1;
         const float2 share = offset < 0.0f ? -offset : offset;
         sum += (1.0f - share.x) * (1.0f - share.y) * light_of(&cells, column, row);
-        sum += share.x * (1.0f - share.y) * light_of(&cells, beside, row);
-        sum += (1.0f - share.x) * share.y * light_of(&cells, column, below);
-        sum += share.x * share.y * light_of(&cells, beside, below);
+        sum += share.x * (1.0f - share.y) * light_of(&cells, other_column, row);
+        sum += (1.0f - share.x) * share.y * light_of(&cells, column, other_row);
+        sum += share.x * share.y * light_of(&cells, other_column, other_row);
     }
     film[pixel] = sum;
     if (settled) {

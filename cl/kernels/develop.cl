@@ -3,7 +3,7 @@
 // film[row_count * width]      float4: sums of linear red, green, blue, and of the share that is covered
 // row_count                    rows of the film
 // sample_count                 samples in the sums
-// counts[row_count * width]    the same for each pixel, in its place; NULL if all are alike
+// counts[row_count * width]    samples in the sum of each pixel; NULL where that is sample_count
 // view[1]                      view_t
 // colours[row_count * width]   written: red, green, blue and alpha; alpha is 255 where all samples hit something
 //

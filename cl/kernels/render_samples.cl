@@ -1,4 +1,5 @@
-// Samples of a band of rows of a picture: added to its film of pixels, or for SHADE_PATH of cells, see film/cells.cl.
+// Samples of a band of rows of a picture. Those of pixels are added to its film; those of cells, for SHADE_PATH, wait
+// for add_samples.cl, see film/cells.cl.
 //
 // Shared arguments: see cl/world/world.cl, cl/looks/looks.cl and cl/traversal/entry_point.cl.
 // lights[] and so on          see cl/film/lights.cl; NULL but for SHADE_PATH

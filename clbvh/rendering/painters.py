@@ -458,7 +458,7 @@ class SamplePainter:
     def _take_samples(
         self, band: Band, take: Callable[..., None], most: int, tiles: NoisyTiles | None = None
     ) -> tuple[int, float]:
-        """Take samples, at most so many at a time; return how many, and the seconds of the first launch."""
+        """Take samples, `most` of them in a launch; return their number and the seconds of the first launch."""
         progress, first_s = self.progress, 0.0
         first, count = 0, min(_LEAST_SAMPLES, progress.samples)
         end_s = self.begin + progress.time_limit_s * (band.first_row + band.row_count) / band.height

@@ -183,8 +183,6 @@ def read_points(points: ArrayLike) -> Broadcast:
 
 def _read_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
     """Return an array of real numbers, of any dtype for them."""
-    if type(values) is np.ndarray and values.dtype.kind in "iuf":  # in a fifth of the time
-        return values
     if is_device_array(values):
         check_process()
     try:
