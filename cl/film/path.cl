@@ -90,6 +90,19 @@ INLINED float3 find_distant_light(
     return light;
 }
 
+// Draws the direction in which the path goes on. Returns whether there is one.
+INLINED bool find_next_direction(
+    const bsdf_t *bsdf, const frame_t *frame, const float3 geometric_normal, const float3 to_eye,
+    const bounce_sample_t *sample, scattered_t *scattered, float3 *next)
+{
+    if (!sample_bsdf(bsdf, to_eye, sample->lobe, sample->direction, scattered)) {
+        return false;
+    }
+    *next = short_unit_vector(from_frame(frame, scattered->direction));
+    // Refraction that the shading normal allows, but not the surface, would stay on this side of it.
+    return !(scattered->is_below && dot_product(geometric_normal, *next) > 0.0f);
+}
+
 // The light of a sample, limited to what the picture asks for; its colour stays.
 INLINED float3 limit_sample(const global view_t *view, const float3 light)
 {
@@ -109,6 +122,8 @@ INLINED float4 find_path_sample(
     float covered = 1.0f;
 
     for (int bounce = 0;; bounce++) {
+        // Before the surface is known: a processor draws while it waits for the tree.
+        const bounce_sample_t sample = sample_bounce(sampler);
         ray_hits_t found = make_ray_hits();
         shown_t shown;
         const float3 direction = ray.direction;
@@ -158,16 +173,13 @@ INLINED float4 find_path_sample(
         // same position. A direction into the facet is not refused: the facet stops it, and reflects it once more.
         position_t above = shown.surface.above;
         above.high += shown.appearance.lift;
-        const bounce_sample_t sample = sample_bounce(sampler);
-        light += throughput * find_direct_light(stage, lights, above, &bsdf, &frame, to_eye, &sample, sampler);
-
+        // The next direction is drawn before the ray to the light is cast: what both need is not kept meanwhile.
         scattered_t scattered;
-        if (!sample_bsdf(&bsdf, to_eye, sample.lobe, sample.direction, &scattered)) {
-            break;
-        }
-        const float3 next = from_frame(&frame, scattered.direction);
-        // Refraction that the shading normal allows, but not the surface, would stay on this side of it.
-        if (scattered.is_below && dot_product(shown.surface.normal, next) > 0.0f) {
+        float3 next;
+        const bool goes_on =
+            find_next_direction(&bsdf, &frame, shown.surface.normal, to_eye, &sample, &scattered, &next);
+        light += throughput * find_direct_light(stage, lights, above, &bsdf, &frame, to_eye, &sample, sampler);
+        if (!goes_on) {
             break;
         }
         throughput *= scattered.weight;
@@ -181,7 +193,7 @@ INLINED float4 find_path_sample(
             throughput /= survival;
         }
         const position_t origin = scattered.is_below ? shown.surface.below : above;
-        ray = make_world_ray(origin, short_unit_vector(next), (float3)(0.0f), INFINITY);
+        ray = make_world_ray(origin, next, (float3)(0.0f), INFINITY);
     }
     return (float4)(limit_sample(view, light), covered);
 }
