@@ -2,6 +2,7 @@
 
 #include "film/ground.cl"
 #include "film/openness.cl"
+#include "sampling/warps.cl"
 
 INLINED float4 find_sample(
     const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, ray_hits_t *hits)
@@ -12,6 +13,7 @@ INLINED float4 find_sample(
     }
     position_t above = shown.surface.above;
     above.high += shown.appearance.lift;
-    const bool is_exposed = is_open(stage, above, shown.appearance.smooth_normal, sampler);
+    const float3 around = sample_hemisphere(sample_2d(sampler));
+    const bool is_exposed = is_open(stage, above, shown.appearance.smooth_normal, around, sampler);
     return (float4)((float3)(is_exposed ? 1.0f : 0.0f), 1.0f);
 }

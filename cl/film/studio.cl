@@ -29,7 +29,7 @@
 // A shadow on the ground is no darker than this share of the background.
 #define LIGHT_IN_SHADOW 0.35f
 
-// Sample dimensions: cut-outs may take any number of the ones before.
+// The sample dimension of the key light; cut-outs take those that follow.
 #define KEY_LIGHT_DIMENSION 1024
 
 // A direction to the key light, which has a disk's size.
@@ -123,17 +123,20 @@ INLINED void find_light(
     light->instance_id = instance_id;
     light->position = position;
     light->normal = normal;
-    light->is_exposed = !may_be_occluded || is_open(stage, above, normal, sampler);
-    light->is_lit = false;
-    const float3 towards = load3(stage->view->to_light);
-    if (stage->view->is_headlight) {
-        light->is_lit = true;
-    } else if (dot_product(normal, towards) + stage->view->light_spread > 0.0f) {
+    // Both directions are drawn before rays are cast: a processor draws the second one while it waits for the tree.
+    const global view_t *view = stage->view;
+    const float3 around = sample_hemisphere(sample_2d(sampler));
+    const bool may_be_lit =
+        !view->is_headlight && dot_product(normal, load3(view->to_light)) + view->light_spread > 0.0f;
+    float3 to_light = (float3)(0.0f);
+    if (may_be_lit) {
         sampler->dimension = KEY_LIGHT_DIMENSION;
-        const float3 to_light = sample_key_light(stage->view, sampler);
-        light->is_lit = dot_product(normal, to_light) > 0.0f
-            && (!may_be_shaded || !is_shaded(stage, above, to_light, INFINITY, sampler));
+        to_light = sample_key_light(view, sampler);
     }
+    light->is_exposed = !may_be_occluded || is_open(stage, above, normal, around, sampler);
+    light->is_lit = view->is_headlight
+        || (dot_product(normal, to_light) > 0.0f
+            && (!may_be_shaded || !is_shaded(stage, above, to_light, INFINITY, sampler)));
 }
 
 INLINED float3 shade_studio(
