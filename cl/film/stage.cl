@@ -54,11 +54,7 @@ INLINED bool find_shown(
     const float3 direction = ray->direction;
     for (int layer = 0; layer < MOST_LAYERS; layer++) {
         search_t search = make_search(1, 0);
-        if (is_primary) {
-            traverse_shown(&stage->world, stage->view, &rest, layer == 0, &search);
-        } else {
-            traverse_world(&stage->world, &rest, false, &search, QUERY_CLOSEST);
-        }
+        traverse_shown(&stage->world, stage->view, &rest, is_primary, is_primary && layer == 0, &search);
         if (layer == 0) {
             hits->first = search;
         }
@@ -99,11 +95,7 @@ INLINED bool find_shown(
     ray_hits_t *hits)
 {
     search_t search = make_search(1, 0);
-    if (is_primary) {
-        traverse_shown(&stage->world, stage->view, ray, true, &search);
-    } else {
-        traverse_world(&stage->world, ray, false, &search, QUERY_CLOSEST);
-    }
+    traverse_shown(&stage->world, stage->view, ray, is_primary, is_primary, &search);
     hits->first = search;
     if (!is_found(&search.nearest)) {
         return false;

@@ -46,7 +46,7 @@ kernel void render(
     const bool is_seen = world_camera_ray(view, pixel_centre(view, column, row), LENS_CENTRE, &ray);
     search_t search = make_search(1, 0);
     if (is_seen) {
-        traverse_shown(&world, view, &ray, true, &search);
+        traverse_shown(&world, view, &ray, true, true, &search);
     }
     const bool is_hit = is_found(&search.nearest);
     hits[pixel] = as_kept_hit(&search, &search.nearest);

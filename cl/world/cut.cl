@@ -52,12 +52,17 @@ INLINED cut_range_t find_cut_range(const global view_t *view, const world_ray_t 
 
 #endif
 
-// Finds the closest hit of a ray of the camera that is not cut away: before the cut, or else behind it.
+// Finds the closest hit of a ray that is not cut away: before the cut, or else behind it. Nothing is cut away from rays
+// that are not the camera's; both kinds are traversed here, so that a kernel has one copy of the traversal.
 INLINED void traverse_shown(
-    const world_t *world, const global view_t *view, const world_ray_t *ray, const bool is_primary, search_t *search)
+    const world_t *world, const global view_t *view, const world_ray_t *ray, const bool is_primary,
+    const bool at_start, search_t *search)
 {
 #if HAS_CUT
-    const cut_range_t cut = find_cut_range(view, ray);
+    cut_range_t cut = {INFINITY, -INFINITY};
+    if (is_primary) {
+        cut = find_cut_range(view, ray);
+    }
     const bool is_cut = cut.begin <= cut.end;
     for (int side = 0; side < 2 && !is_found(&search->nearest); side++) {
         world_ray_t part = *ray;
@@ -67,10 +72,10 @@ INLINED void traverse_shown(
             part.t_max = smaller(part.t_max, cut.begin);
         }
         if (part.t_min <= part.t_max && part.t_min < INFINITY) {
-            traverse_world(world, &part, is_primary, search, QUERY_CLOSEST);
+            traverse_world(world, &part, at_start, search, QUERY_CLOSEST);
         }
     }
 #else
-    traverse_world(world, ray, is_primary, search, QUERY_CLOSEST);
+    traverse_world(world, ray, at_start, search, QUERY_CLOSEST);
 #endif
 }
