@@ -126,13 +126,8 @@ INLINED void find_light(
     // Both directions are drawn before rays are cast: a processor draws the second one while it waits for the tree.
     const global view_t *view = stage->view;
     const float3 around = sample_hemisphere(sample_2d(sampler));
-    const bool may_be_lit =
-        !view->is_headlight && dot_product(normal, load3(view->to_light)) + view->light_spread > 0.0f;
-    float3 to_light = (float3)(0.0f);
-    if (may_be_lit) {
-        sampler->dimension = KEY_LIGHT_DIMENSION;
-        to_light = sample_key_light(view, sampler);
-    }
+    sampler->dimension = KEY_LIGHT_DIMENSION;
+    const float3 to_light = sample_key_light(view, sampler);
     light->is_exposed = !may_be_occluded || is_open(stage, above, normal, around, sampler);
     light->is_lit = view->is_headlight
         || (dot_product(normal, to_light) > 0.0f

@@ -59,11 +59,8 @@ INLINED void traverse_shown(
     const bool at_start, search_t *search)
 {
 #if HAS_CUT
-    cut_range_t cut = {INFINITY, -INFINITY};
-    if (is_primary) {
-        cut = find_cut_range(view, ray);
-    }
-    const bool is_cut = cut.begin <= cut.end;
+    const cut_range_t cut = find_cut_range(view, ray);
+    const bool is_cut = is_primary && cut.begin <= cut.end;
     for (int side = 0; side < 2 && !is_found(&search->nearest); side++) {
         world_ray_t part = *ray;
         if (side > 0) {
