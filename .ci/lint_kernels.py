@@ -44,7 +44,8 @@ _UNPORTABLE = re.compile(
     r"|hypot|fmod|pow[nr]?|exp(?:2|10|m1)?|log(?:2|10|1p)?|sincos|a?(?:sin|cos|tan)h?(?:pi)?|atan2)\s*\("
 )
 _DOUBLE = re.compile(r"\b(?:convert_)?double\d*\b")
-_ENABLES_DOUBLE = "#pragma OPENCL EXTENSION cl_khr_fp64 : enable"
+# The structs enable them for worlds that span scales.
+_ENABLES_DOUBLE = {"#pragma OPENCL EXTENSION cl_khr_fp64 : enable", "#if EXACT", "#if !LONE && EXACT"}
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _ANY_INCLUDE = re.compile(r"^\s*#\s*include\b")
@@ -113,7 +114,7 @@ class Linter:
         return sorted([*_check_text(path.read_bytes().decode("utf-8")), *self._check_includes(self._read(path))])
 
     def _check_includes(self, source: Source) -> Iterator[tuple[int, str]]:
-        has_doubles = _ENABLES_DOUBLE in source.lines
+        has_doubles = not _ENABLES_DOUBLE.isdisjoint(source.lines)
         for number, line in enumerate(source.lines, start=1):
             if _ANY_INCLUDE.match(line) and not _INCLUDE.match(line):
                 yield number, "an include is a line of its own, '#include \"NAME\"': the host expands no other"

@@ -81,8 +81,7 @@ SHARED_HEADER = 4  # words before the vertices of a block
 SHARED_VERTEX_BITS = 4
 MOST_SHARED_VERTICES = 1 << SHARED_VERTEX_BITS
 
-# A triangle of the `bvh2` layout, in leaf order. A degenerate triangle is stored with three equal corners: its
-# determinant is exactly zero, so that rounding cannot make a ray hit it.
+# A triangle of the `bvh2` layout, in leaf order; NaN if it is degenerate.
 TRIANGLE = np.dtype([("a", "f4", 3), ("b", "f4", 3), ("c", "f4", 3), ("prim_id", "i4")])
 
 # A sphere of the `bvh2` layout, in leaf order.
@@ -197,6 +196,29 @@ METRIC = np.dtype(
         # Whether it is a sphere.
         ("keeps_spheres", "i4"),
         ("spare", "i4", 2),
+    ]
+)
+
+# Of worlds that span scales, see cl/exact/ray.cl: a ray in the world's local coordinates, and its mask.
+EXACT_RAY = np.dtype([("origin", "f8", 3), ("direction", "f8", 3), ("mask", "u4"), ("spare", "u4")])
+EXACT_RAY_LANES = EXACT_RAY.itemsize // 8
+EXACT_RAY_DIRECTION = 3
+
+# And an instance. Matrices are by rows.
+EXACT_INSTANCE = np.dtype(
+    [
+        # The linear parts of the maps from the geometry's local coordinates to the world's and back, and the zero of
+        # the geometry's in the world's.
+        ("to_world", "f8", (3, 3)),
+        ("centre", "f8", 3),
+        ("to_object", "f8", (3, 3)),
+        # Zero and unit of the geometry's local coordinates in the coordinates of its file.
+        ("origin", "f8", 3),
+        ("scale", "f8"),
+        # Where the geometry's vertices, faces and spheres begin.
+        ("first_vertex", "i8"),
+        ("first_face", "i8"),
+        ("first_sphere", "i8"),
     ]
 )
 
@@ -484,6 +506,9 @@ DEVICE_STRUCTS = {
     "light_choice_t": LIGHT_CHOICE,
 }
 
+# Those with doubles, which a device need not have: kernels are compiled with them where EXACT is 1.
+EXACT_STRUCTS = {"packed_exact_ray_t": EXACT_RAY, "exact_instance_t": EXACT_INSTANCE}
+
 NO_PRIM = -1
 
 # In the place of the normal at the first corner of a face whose corners have the face's own normal: no packed one.
@@ -535,29 +560,44 @@ DEVICE_CONSTANTS = {
 }
 
 # Of kernels that are compiled without them, see cl/world/world.cl.
-_DEFAULT_MACROS = {"LONE": 1, "HAS_SPHERES": 0}
+_DEFAULT_MACROS = {"LONE": 1, "HAS_SPHERES": 0, "EXACT": 0}
 
 # Bytes of a vector of four words, the longest load of a GPU.
 _LARGEST_ALIGNMENT = 16
 
-_C_TYPES = {np.dtype(np.float32): "float", np.dtype(np.int32): "int", np.dtype(np.uint32): "uint"}
+_C_TYPES = {
+    np.dtype(np.float32): "float",
+    np.dtype(np.int32): "int",
+    np.dtype(np.uint32): "uint",
+    np.dtype(np.float64): "double",
+    np.dtype(np.int64): "long",
+}
+
+# What the doubles of an exact world are in kernels that have none.
+_NO_DOUBLES = ("exact_real_t", *EXACT_STRUCTS)
 
 
 def c_declarations() -> str:
     """Return the OpenCL C text of the constants and of all structs.
 
-    Every field is a 4-byte scalar or an array of them, and no struct is aligned to more than what divides its size: a C
-    compiler adds no padding, and the struct is the same on every device.
+    Every field is a scalar of 4 bytes or an array of them, in `EXACT_STRUCTS` also of 8, and no struct is aligned to
+    more than what divides its size: a C compiler adds no padding, and the struct is the same on every device.
     """
     lines = [f"#define {name} ({value})" for name, value in DEVICE_CONSTANTS.items()]
     lines += [f"#ifndef {name}\n#define {name} {value}\n#endif" for name, value in _DEFAULT_MACROS.items()]
     for name, dtype in DEVICE_STRUCTS.items():
-        lines += [
-            f"typedef struct {_c_alignment(dtype)}{{",
-            *(f"    {_c_field(dtype, field)};" for field in dtype.names or ()),
-            f"}} {name};",
-        ]
+        lines += _c_struct(name, dtype)
+    lines += ["#if EXACT", "#pragma OPENCL EXTENSION cl_khr_fp64 : enable", "typedef double exact_real_t;"]
+    for name, dtype in EXACT_STRUCTS.items():
+        lines += _c_struct(name, dtype)
+    lines += ["#else", *(f"typedef int {name};" for name in _NO_DOUBLES), "#endif"]
     return "\n".join(lines) + "\n"
+
+
+def _c_struct(name: str, dtype: np.dtype) -> list[str]:
+    """Return the lines of a struct's declaration."""
+    fields = (f"    {_c_field(dtype, field)};" for field in dtype.names or ())
+    return [f"typedef struct {_c_alignment(dtype)}{{", *fields, f"}} {name};"]
 
 
 def _c_alignment(struct: np.dtype) -> str:

@@ -34,5 +34,5 @@ INLINED bool meets_aabb(
     const float3 far = ((is_backward ? aabb_min : aabb_max) - ray->far_origin) * ray->inverse;
     *t_near = larger(near.x, larger(near.y, larger(near.z, ray->t_min)));
     const float t_far = smaller(far.x, smaller(far.y, smaller(far.z, t_max)));
-    return *t_near <= t_far;
+    return *t_near <= t_far * MEETING_GROWTH;
 }

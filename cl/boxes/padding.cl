@@ -16,7 +16,11 @@
 
 // A component of the direction below this share of the longest one may count as any number up to that, or underflow.
 // The ray moves aside by at most this share of its way meanwhile; the padding has room for twice that.
+#if EXACT
+#define MIN_SLOPE 0x1p-60f
+#else
 #define MIN_SLOPE 0x1p-30f
+#endif
 
 // The largest absolute coordinate of a mesh. That of the root would do as well, and pad less along an axis on which the
 // mesh is thin; but to find it for each ray takes 6 % of the time of coherent rays.
@@ -40,6 +44,25 @@ INLINED padding_t find_padding(const float3 reach, const float longest_reach, co
     return padding;
 }
 
+#if EXACT
+
+// The exact test finds the crossings of the file's triangles with the user's ray; a box is around corners that are
+// rounded to float32. So the planes need room for the rounding of corners, origin and direction, and for that of the
+// slab test. Some are relative to the origin's coordinate along the axis, and move the planes; the others are relative
+// to the distance of a plane from the origin, which is its t, see MEETING_GROWTH. A small shape keeps a small padding.
+INLINED padding_t pad_exactly(const float3 origin)
+{
+    const padding_t padding = {ERROR_BOUND(16) * magnitude(origin), 0.0f};
+    return padding;
+}
+
+INLINED padding_t find_ray_padding(const ray_t *ray)
+{
+    return pad_exactly(ray->origin);
+}
+
+#else
+
 INLINED padding_t find_ray_padding(const ray_t *ray)
 {
     const float3 reach = magnitude(ray->origin) + LARGEST_COORDINATE;
@@ -48,3 +71,12 @@ INLINED padding_t find_ray_padding(const ray_t *ray)
     const float3 inverse = magnitude(ray->inverse);
     return find_padding(reach, longest_reach, smaller(smaller(inverse.x, inverse.y), inverse.z));
 }
+
+#endif
+
+// The t at which a ray leaves a box is multiplied by it.
+#if EXACT
+#define MEETING_GROWTH (1.0f + ERROR_BOUND(32))
+#else
+#define MEETING_GROWTH 1.0f
+#endif

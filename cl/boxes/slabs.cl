@@ -46,10 +46,15 @@ INLINED void limit_shifts(slabs_t *slabs, const ray_t *ray)
     const float3 inverse = ray->inverse * unit;
     const float3 limited = inverse < 0.0f ? -largest : largest;
     // An origin beyond float32 hits nothing, but the traversal has to end.
+#if EXACT
+    const float3 origin = magnitude(ray->origin) <= 0x1p64f ? ray->origin : (float3)(0x1p64f);
+    const padding_t padding = pad_exactly(origin);
+#else
     const float3 origin = magnitude(ray->origin) <= FLT_MAX ? ray->origin : (float3)(FLT_MAX);
     const float3 reach = min(magnitude(origin) + LARGEST_COORDINATE, FLT_MAX);
     const float longest_reach = larger(reach.x, larger(reach.y, reach.z));
     const padding_t padding = find_padding(reach, longest_reach, absolute(ray->shear.z) * unit);
+#endif
     derive_shifts(slabs, origin, magnitude(inverse) < largest ? inverse : limited, &padding);
     slabs->t_min = ray->t_min * unit;
     slabs->unit = unit;
@@ -96,7 +101,7 @@ INLINED uint meets_planes(const planes_t *planes, const slabs_t *slabs, const fl
     // Compared in pairs: a tree of comparisons is shorter than a chain, and the choice of the next node waits for it.
     *t_near = larger_lanes(larger_lanes(near_x, near_y), larger_lanes(near_z, (lanes_t)(slabs->t_min)));
     const lanes_t t_far = smaller_lanes(smaller_lanes(far_x, far_y), smaller_lanes(far_z, (lanes_t)(limit)));
-    return mask_bits(*t_near <= t_far);
+    return mask_bits(*t_near <= t_far * MEETING_GROWTH);
 }
 
 // As meets_planes, for the children of a node.

@@ -32,6 +32,13 @@ typedef hit_t kept_hit_t;
 #define T_SLACK ERROR_BOUND(4)
 #endif
 
+// EXACT: more than what float32 has rounded off a t, and off the t at which a ray enters a box.
+#if EXACT
+#define LIMIT_GROWTH (1.0f + ERROR_BOUND(64))
+#else
+#define LIMIT_GROWTH 1.0f
+#endif
+
 typedef struct {
     crossing_t nearest;       // the nearest crossing; of a count, the last one
     int count;
@@ -42,7 +49,7 @@ typedef struct {
     // instances/instance.cl. After a traversal for the nearest crossing: those of the nearest crossing.
     int instance_index;
     int instance_id;
-    float t_shift;
+    precise_t t_shift;
 #endif
 #if HAS_SPHERES
     int kind;                 // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
@@ -74,7 +81,13 @@ INLINED search_t make_search(const int max_count, global kept_hit_t *heap)
 // A crossing as it is kept in the heap.
 INLINED kept_hit_t as_kept_hit(const search_t *search, const crossing_t *crossing)
 {
-#if !LONE
+#if !LONE && EXACT
+    crossing_t outside = *crossing;
+    set_exact_t(&outside, exact_t_of(crossing) + search->t_shift);
+    const kept_hit_t hit = {
+        outside.t, outside.u, outside.t_low, outside.prim_id, search->instance_id, crossing->t};
+    return hit;
+#elif !LONE
     const kept_hit_t hit = {
         crossing->t + search->t_shift, crossing->u, crossing->v, crossing->prim_id, search->instance_id, crossing->t};
     return hit;
@@ -89,22 +102,32 @@ INLINED bool is_complete(const search_t *search, const int query)
     return query == QUERY_COUNT && search->count >= search->max_count;
 }
 
+// The largest t that a crossing may have.
+INLINED float latest_t(const crossing_t *crossing)
+{
+#if EXACT
+    return crossing->t + crossing->t_error;
+#else
+    return crossing->t;
+#endif
+}
+
 // The largest t at which a crossing can still change the answer.
 INLINED float search_limit(const search_t *search, const ray_t *ray, const int query)
 {
     if (query == QUERY_CLOSEST) {
-        return smaller(search->nearest.t, ray->t_max);
+        return smaller(latest_t(&search->nearest), ray->t_max) * LIMIT_GROWTH;
     }
     if (query == QUERY_FIRST && search->count >= search->max_count) {
         const float farthest = search->heap[0].t;
 #if !LONE
         // As t in the instance, rounded up.
-        return farthest - search->t_shift + farthest * T_SLACK;
+        return (farthest - (float)search->t_shift + farthest * T_SLACK) * LIMIT_GROWTH;
 #else
-        return farthest;
+        return farthest * LIMIT_GROWTH;
 #endif
     }
-    return ray->t_max;
+    return ray->t_max * LIMIT_GROWTH;
 }
 
 // Whether the first of two hits comes before the other one: by t, then by prim_id.
@@ -116,6 +139,12 @@ INLINED bool precedes(const float t, const int prim_id, const float other_t, con
 // The order of hits along a ray.
 INLINED bool comes_first(const kept_hit_t *a, const kept_hit_t *b)
 {
+#if EXACT
+    // The low parts of t, see hits/crossing.cl.
+    if (a->t == b->t && a->v != b->v) {
+        return a->v < b->v;
+    }
+#endif
 #if !LONE
     if (a->t == b->t && a->instance_id != b->instance_id) {
         return a->instance_id < b->instance_id;
@@ -137,6 +166,11 @@ INLINED bool comes_first(const kept_hit_t *a, const kept_hit_t *b)
 // The order of crossings with one geometry along a ray.
 INLINED bool is_nearer(const crossing_t *a, const crossing_t *b)
 {
+#if EXACT
+    if (a->t == b->t && a->t_low != b->t_low) {
+        return a->t_low < b->t_low;
+    }
+#endif
     return precedes(a->t, a->prim_id, b->t, b->prim_id);
 }
 

@@ -4,6 +4,7 @@
 // low: it is moved to the instance in pairs, and only what is left, of the instance's own size, is rounded to float32.
 // The direction keeps the length that the linear part gives it, so that t is the same on both sides.
 
+#include "exact/ray.cl"
 #include "math/pairs.cl"
 #include "math/vectors.cl"
 #include "rays/ray.cl"
@@ -21,6 +22,12 @@ typedef struct {
     float3 origin_low;
     float3 direction_low;
     uint mask;
+#if EXACT
+    // The same ray in doubles.
+    double3 exact_origin;
+    double3 exact_direction;
+    exact_shapes_t shapes;
+#endif
 } ray_pair_t;
 
 // The ray in float32, as the boxes of instances are tested.
@@ -29,13 +36,46 @@ INLINED ray_t rounded_ray(const ray_pair_t *ray)
     return make_ray(ray->origin, ray->direction, ray->t_min, ray->t_max);
 }
 
-INLINED ray_pair_t unpack_ray_pair(const global packed_ray_t *packed, const global ray_low_t *low)
+#if EXACT
+
+INLINED float3 as_floats(const double3 v)
+{
+    return (float3)((float)v.x, (float)v.y, (float)v.z);
+}
+
+INLINED ray_pair_t make_exact_pair(
+    const double3 origin, const double3 direction, const float t_min, const float t_max, const uint mask)
+{
+    ray_pair_t pair;
+    pair.origin = as_floats(origin);
+    pair.direction = as_floats(direction);
+    pair.t_min = t_min;
+    pair.t_max = t_max;
+    pair.origin_low = as_floats(origin - convert_double3(pair.origin));
+    pair.direction_low = as_floats(direction - convert_double3(pair.direction));
+    pair.mask = mask;
+    pair.exact_origin = origin;
+    pair.exact_direction = direction;
+    return pair;
+}
+
+INLINED ray_pair_t unpack_ray_pair(const global packed_ray_t *packed, const global ray_rest_t *rest)
+{
+    return make_exact_pair(
+        load_double3(rest->origin), load_double3(rest->direction), packed->t_min, packed->t_max, rest->mask);
+}
+
+#else
+
+INLINED ray_pair_t unpack_ray_pair(const global packed_ray_t *packed, const global ray_rest_t *low)
 {
     const ray_pair_t pair = {
         load3(packed->origin), load3(packed->direction), packed->t_min, packed->t_max, load3(low->origin),
         load3(low->direction), low->mask};
     return pair;
 }
+
+#endif
 
 INLINED float3 transform_vector(const global float rows[3][3], const float3 v)
 {
@@ -72,3 +112,37 @@ INLINED ray_t enter_instance(
         transform_vector(instance->to_object, start + low), transform_vector(instance->to_object, direction),
         larger(outside->t_min - *t_shift, 0.0f), t_max - *t_shift);
 }
+
+#if EXACT
+
+// No point of a shape is farther from its zero, in its local coordinates.
+#define MOST_RADIUS 1.75
+
+// As enter_instance, in doubles: each component of the ray in float32 has one rounding. Also of a lone shape.
+INLINED ray_t enter_exactly(const ray_pair_t *outside, const int instance_id, const float t_max)
+{
+    const global exact_instance_t *instance = outside->shapes.instances + instance_id;
+    double3 start = transform_exactly(instance->to_object, outside->exact_origin - load_double3(instance->centre));
+    const double3 direction = transform_exactly(instance->to_object, outside->exact_direction);
+    double t_shift = 0.0;
+    if (largest_size(start) > FAR_RADII * MOST_RADIUS) {
+        const double square = dot3(direction, direction);
+        const double t_closest = -dot3(start, direction) / square;
+        const double advance = t_closest - t_closest * SHARE_BEFORE - RADII_BEFORE * MOST_RADIUS / sqrt(square);
+        if (advance > 0.0) {
+            start = start + advance * direction;
+            t_shift = advance;
+        }
+    }
+    ray_t ray = make_ray(
+        as_floats(start), as_floats(direction), (float)most_of(outside->t_min - t_shift, 0.0),
+        (float)(t_max - t_shift));
+    ray.exact.origin = outside->exact_origin;
+    ray.exact.direction = outside->exact_direction;
+    ray.exact.t_shift = t_shift;
+    ray.exact.shapes = outside->shapes;
+    ray.exact.instance = instance;
+    return ray;
+}
+
+#endif

@@ -37,8 +37,13 @@ INLINED void visit_instance(
         const float limit = search->nearest.t + search->nearest.t * T_SLACK;
         t_max = smaller(limit, t_max);
     }
+#if EXACT
+    const ray_t inside = enter_exactly(ray, instance->instance_id, t_max);
+    const double t_shift = inside.exact.t_shift;
+#else
     float t_shift;
     const ray_t inside = enter_instance(ray, instance, t_max, &t_shift);
+#endif
 
     if (query == QUERY_FIRST) {
         search->instance_id = instance->instance_id;
@@ -60,9 +65,16 @@ INLINED void visit_instance(
     if (query == QUERY_COUNT) {
         search->count += own.count;
     } else if (is_found(&own.nearest)) {
+#if EXACT
+        make_exact(&inside, &own.nearest);
+        set_exact_t(&own.nearest, exact_t_of(&own.nearest) + t_shift);
+        const double t = exact_t_of(&own.nearest);
+        const double best = is_found(&search->nearest) ? exact_t_of(&search->nearest) : INFINITY;
+#else
         own.nearest.t += t_shift;
         const float t = own.nearest.t;
         const float best = search->nearest.t;
+#endif
         if (t < best || (t == best && instance->instance_id < search->instance_id)) {
             search->nearest = own.nearest;
             search->instance_id = instance->instance_id;
@@ -119,9 +131,10 @@ INLINED void visit_for(
 INLINED float world_limit(const search_t *search, const ray_pair_t *ray, const int query)
 {
     if (query == QUERY_CLOSEST) {
-        return smaller(search->nearest.t, ray->t_max);
+        return smaller(search->nearest.t, ray->t_max) * LIMIT_GROWTH;
     }
-    return query == QUERY_FIRST && search->count >= search->max_count ? search->heap[0].t : ray->t_max;
+    const bool is_full = query == QUERY_FIRST && search->count >= search->max_count;
+    return (is_full ? search->heap[0].t : ray->t_max) * LIMIT_GROWTH;
 }
 
 // Where a ray is on its way from leaf to leaf of the tree over the instances.

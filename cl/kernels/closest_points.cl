@@ -3,6 +3,7 @@
 // Shared arguments: see cl/world/world.cl and cl/world/points.cl.
 // metrics[]                       see cl/world/nearest.cl
 // slots                           results per point, at least 1
+// is_single                       whether only the nearest one of them is wanted
 // hits[point_count * slots]       written: t is a lower bound on the distance, see near_heap_t, of the first one the
 //                                 largest; NO_PRIM in slots that are left
 //
@@ -11,7 +12,8 @@
 #include "world/nearest.cl"
 
 kernel void closest_points(WORLD_ARGUMENTS, POINT_ARGUMENTS,
-    const global metric_record_t *restrict metrics, global kept_hit_t *restrict hits, const int slots)
+    const global metric_record_t *restrict metrics, global kept_hit_t *restrict hits, const int slots,
+    const int is_single)
 {
     const int index = get_global_id(0);
     if (index >= point_count) {
@@ -19,9 +21,16 @@ kernel void closest_points(WORLD_ARGUMENTS, POINT_ARGUMENTS,
     }
     const world_t world = WORLD(root_of(nodes));
     const point_pair_t point = unpack_point(points + index);
-    const near_heap_t heap = {hits + (size_t)index * slots, slots, 0};
+    const near_heap_t heap = {hits + (size_t)index * slots, slots, 0, is_single, INFINITY};
     const world_nearest_t nearest = find_world_nearest(&world, metrics, &point, heap);
     for (int slot = nearest.kept.count; slot < slots; slot++) {
         heap.heap[slot] = as_kept(INFINITY, NO_PRIM, NO_PRIM);
+    }
+    // None that is left out is nearer than the limit; nor are those that were found before it.
+    if (nearest.kept.limit < INFINITY) {
+        for (int slot = 0; slot < slots; slot++) {
+            heap.heap[slot].prim_id = heap.heap[slot].t > nearest.kept.limit ? NO_PRIM : heap.heap[slot].prim_id;
+        }
+        heap.heap[0].t = smaller(heap.heap[0].t, nearest.kept.limit);
     }
 }

@@ -11,6 +11,7 @@
 
 #include "structs.cl"
 #include "rays/arrays.cl"
+#include "exact/ray.cl"
 
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 
@@ -82,7 +83,7 @@ INLINED wide_ray_t advance_ray(wide_ray_t ray, const double3 half_size, const do
 
 kernel void pack_rays(
     ARRAY_ARGUMENTS, const global double *restrict box, const global uint *restrict masks, const int mask_step,
-    global packed_ray_t *restrict rays, global ray_low_t *restrict lows, global int *restrict bad)
+    global packed_ray_t *restrict rays, global ray_rest_t *restrict lows, global int *restrict bad)
 {
     const int index = get_global_id(0);
     if (index >= ray_count) {
@@ -114,9 +115,16 @@ kernel void pack_rays(
         ray = advance_ray(ray, half_size, size);
     }
     global packed_ray_t *packed = rays + index;
-    global ray_low_t *low = lows ? lows + index : 0;
+    global ray_rest_t *low = lows ? lows + index : 0;
+#if EXACT
+    store_vector(ray.origin, packed->origin, 0);
+    store_vector(ray.direction, packed->direction, 0);
+    vstore3(ray.origin, 0, low->origin);
+    vstore3(ray.direction, 0, low->direction);
+#else
     store_vector(ray.origin, packed->origin, low ? low->origin : 0);
     store_vector(ray.direction, packed->direction, low ? low->direction : 0);
+#endif
     packed->t_min = (float)ray.t_min;
     packed->t_max = (float)ray.t_max;
     if (low) {

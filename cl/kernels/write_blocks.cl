@@ -146,7 +146,7 @@ INLINED box_t write_prims(SHAPE_ARGUMENTS, const global int *prims, global float
             continue;
         }
         for (int lane = 0; lane < 9; lane++) {
-            lanes[lane * BLOCK_WIDTH + slot] = BLOCK_WIDTH > 1 ? MISSING : at[lane % 3][slot];
+            lanes[lane * BLOCK_WIDTH + slot] = MISSING;
         }
     }
     const box_t box = {(float3)(lower[0], lower[1], lower[2]), (float3)(upper[0], upper[1], upper[2])};

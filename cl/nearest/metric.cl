@@ -14,13 +14,16 @@
 // radius, to about 1, so that no product leaves float32, however small the instance is. The slack has room for the
 // roundings of the rotated axes, and for a shear that is left out, which counts as 8.
 
+// EXACT, of a lone mesh: its parts may be far smaller than it is. The slack is then relative to the point alone, and
+// the rest is relative to the distance of a box, or to the farthest corner of a triangle: FINE_BOUNDS.
+
 // keep: defines LONE, and is expanded before the branches
 #include "structs.cl"
 #include "math/vectors.cl"
 #include "nearest/point_triangle.cl"
-#if !LONE
 #include "instances/instance.cl"
-#endif
+
+#define FINE_BOUNDS (EXACT && LONE && !HAS_SPHERES)
 
 #define LONE_SLACK ERROR_BOUND(32)
 #define METRIC_SLACK ERROR_BOUND(64)
@@ -40,7 +43,11 @@ typedef struct {
 // The metric of a lone shape for a point, both in its local coordinates.
 INLINED metric_t make_lone_metric(const float3 point)
 {
+#if FINE_BOUNDS
+    const metric_t metric = {point, 2.0f * LONE_SLACK * sum_of(magnitude(point))};
+#else
     const metric_t metric = {point, LONE_SLACK * (sum_of(magnitude(point)) + 3.0f)};
+#endif
     return metric;
 }
 

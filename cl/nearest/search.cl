@@ -15,12 +15,32 @@
 #include "math/vectors.cl"
 #include "nearest/metric.cl"
 
+#if FINE_BOUNDS
+
+INLINED real_t sizes_of(const real_t numbers)
+{
+    return LARGER(numbers, -numbers);
+}
+
+// The largest coordinate of three corners.
+INLINED real_t farthest_of(const point_t a, const point_t b, const point_t c)
+{
+    const real_t x = LARGER(LARGER(sizes_of(a.x), sizes_of(b.x)), sizes_of(c.x));
+    const real_t y = LARGER(LARGER(sizes_of(a.y), sizes_of(b.y)), sizes_of(c.y));
+    const real_t z = LARGER(LARGER(sizes_of(a.z), sizes_of(b.z)), sizes_of(c.z));
+    return LARGER(LARGER(x, y), z);
+}
+
+#endif
+
 // The nearest primitives in global memory. They are kept as hits, whose t is a lower bound on the distance, in the
 // world's local coordinates, less all that rounding can do. So none that is left out is nearer than the farthest t.
 typedef struct {
     global kept_hit_t *heap;  // [room]: binary heap with the farthest on top; NULL: only the nearest one is wanted
     int room;
     int count;
+    bool is_single;           // only the nearest one of them is wanted
+    float limit;              // it is surely not farther
 } near_heap_t;
 
 typedef struct {
@@ -37,8 +57,43 @@ typedef struct {
 
 INLINED near_heap_t no_heap(void)
 {
-    const near_heap_t none = {0, 0, 0};
+    const near_heap_t none = {0, 0, 0, false, INFINITY};
     return none;
+}
+
+// With fine bounds, box distances may be above those of their triangles by this share.
+#if FINE_BOUNDS
+#define BOX_GROWTH (1.0f + ERROR_BOUND(64))
+#else
+#define BOX_GROWTH 1.0f
+#endif
+
+// How far a triangle's distance may be above what it is compared with.
+INLINED float slack_of_kept(const metric_t *metric)
+{
+#if FINE_BOUNDS
+    return 0.0f;
+#else
+    return metric->slack;
+#endif
+}
+
+// The squared distance of a triangle by which it is kept; with fine bounds a lower bound on it, and *upper an upper
+// bound on the distance. NaN stays NaN.
+INLINED real_t
+squared_to_triangle(const metric_t *metric, const point_t a, const point_t b, const point_t c, real_t *upper)
+{
+    const real_t squared = distance_squared_to_triangle(a, b, c);
+#if FINE_BOUNDS
+    const real_t error = ERROR_BOUND(64) * farthest_of(a, b, c) + metric->slack;
+    const real_t distance = sqrt(squared);
+    const real_t lower = LARGER((real_t)(0.0f), distance - error);
+    *upper = distance + error;
+    return lower * lower;
+#else
+    *upper = (real_t)(INFINITY);
+    return squared;
+#endif
 }
 
 // A primitive as it is kept.
@@ -55,7 +110,7 @@ INLINED kept_hit_t as_kept(const float bound, const int prim_id, const int insta
 // How far the farthest is of those in a heap, and all that are left out; INFINITY while there is room.
 INLINED float farthest_kept(const near_heap_t *kept)
 {
-    return kept->count < kept->room ? INFINITY : larger(kept->heap[0].t, 0.0f);
+    return smaller(kept->count < kept->room ? INFINITY : larger(kept->heap[0].t, 0.0f), kept->limit);
 }
 
 // A search in one shape.
@@ -91,7 +146,7 @@ INLINED float unit_length(const metric_t *metric)
 INLINED void limit_distance(nearest_t *nearest, const float distance)
 {
     nearest->distance = distance / unit_length(&nearest->metric) * ROUNDED_UP;
-    const float most = nearest->distance + (nearest->kept.heap ? nearest->metric.slack * ROUNDED_UP : 0.0f);
+    const float most = nearest->distance + (nearest->kept.heap ? slack_of_kept(&nearest->metric) * ROUNDED_UP : 0.0f);
     nearest->distance_squared = most * most + FLT_MIN;
 }
 
@@ -104,24 +159,28 @@ INLINED bool may_be_nearer(
     const point_t upper = {aabb_max.x, aabb_max.y, aabb_max.z};
     const point_t way = way_to_box(&nearest->metric, lower, upper);
     *distance_squared = dot_of(way, way);
-    const float limit = nearest->distance + nearest->metric.slack;
+    const float limit = (nearest->distance + nearest->metric.slack) * BOX_GROWTH;
     return *distance_squared <= limit * limit;
 }
 #endif
 
-INLINED void keep_primitive(nearest_t *nearest, const float distance_squared, const int prim_id)
+INLINED void
+keep_primitive(nearest_t *nearest, const float distance_squared, const float upper, const int prim_id)
 {
     near_heap_t *kept = &nearest->kept;
-    const float bound = (sqrt(distance_squared) - nearest->metric.slack) * unit_length(&nearest->metric);
+    if (kept->is_single) {
+        kept->limit = smaller(upper, kept->limit);
+    }
+    const float bound = (sqrt(distance_squared) - slack_of_kept(&nearest->metric)) * unit_length(&nearest->metric);
     kept->count = keep_first(kept->heap, kept->count, kept->room, as_kept(bound, prim_id, nearest->instance_id));
     limit_distance(nearest, farthest_kept(kept));
 }
 
-// Takes a primitive's squared distance into account.
-INLINED void add_distance(nearest_t *nearest, const float distance_squared, const int prim_id)
+// Takes a primitive's squared distance into account; `upper` is an upper bound on the distance, or INFINITY.
+INLINED void add_distance(nearest_t *nearest, const float distance_squared, const float upper, const int prim_id)
 {
     if (nearest->kept.heap) {
-        keep_primitive(nearest, distance_squared, prim_id);
+        keep_primitive(nearest, distance_squared, upper, prim_id);
         return;
     }
     const bool wins_tie = prim_id < nearest->prim_id || nearest->prim_id == NO_PRIM;

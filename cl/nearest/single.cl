@@ -15,13 +15,15 @@ INLINED point_t place_corner(const nearest_t *nearest, const float3 corner)
 INLINED void test_triangle(nearest_t *nearest, const global block_t *blocks, const int triangle_index)
 {
     const corners_t corners = corners_at(blocks, triangle_index);
-    // A degenerate triangle, stored with three equal corners, is never the nearest.
-    if (all(corners.a == corners.b) && all(corners.a == corners.c)) {
+    // A degenerate triangle is never the nearest.
+    if (isnan(corners.a.x)) {
         return;
     }
-    const float squared = distance_squared_to_triangle(
-        place_corner(nearest, corners.a), place_corner(nearest, corners.b), place_corner(nearest, corners.c));
-    add_distance(nearest, squared, blocks[triangle_index].prim_id);
+    float upper;
+    const float squared = squared_to_triangle(
+        &nearest->metric, place_corner(nearest, corners.a), place_corner(nearest, corners.b),
+        place_corner(nearest, corners.c), &upper);
+    add_distance(nearest, squared, upper, blocks[triangle_index].prim_id);
 }
 
 INLINED void test_single(nearest_t *nearest, const global block_t *blocks, const int prim_index)
@@ -30,7 +32,7 @@ INLINED void test_single(nearest_t *nearest, const global block_t *blocks, const
     if (nearest->kind != KIND_TRIANGLES) {
         const global sphere_block_t *sphere = (const global sphere_block_t *)blocks + prim_index;
         const point_t centre = {sphere->centre[0], sphere->centre[1], sphere->centre[2]};
-        add_distance(nearest, distance_squared_to_sphere(nearest, centre, sphere->radius), sphere->prim_id);
+        add_distance(nearest, distance_squared_to_sphere(nearest, centre, sphere->radius), INFINITY, sphere->prim_id);
         return;
     }
 #endif

@@ -23,7 +23,7 @@ INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *
 {
     const point_t lower = load_points(node->aabb_min);
     const point_t way = way_to_box(&nearest->metric, lower, load_points(node->aabb_max));
-    *distance = larger_lanes(sqrt(dot_of(way, way)) - nearest->metric.slack, (lanes_t)(0.0f));
+    *distance = larger_lanes(sqrt(dot_of(way, way)) / BOX_GROWTH - nearest->metric.slack, (lanes_t)(0.0f));
     // An inverted box has a huge or infinite distance, which the nearest distance may equal.
     const lane_mask_t is_child = lower.x <= load_lanes(node->aabb_max[0]);
     return mask_bits((*distance <= nearest->distance) & is_child);
@@ -44,12 +44,14 @@ typedef union {
 // Degenerate triangles are NaN, which is never near.
 INLINED void test_triangles(nearest_t *nearest, const leaf_t leaf)
 {
-    const distances_t squared = {distance_squared_to_triangle(
-        place_corners(nearest, leaf, 0), place_corners(nearest, leaf, 1), place_corners(nearest, leaf, 2))};
+    distances_t upper;
+    const distances_t squared = {squared_to_triangle(
+        &nearest->metric, place_corners(nearest, leaf, 0), place_corners(nearest, leaf, 1),
+        place_corners(nearest, leaf, 2), &upper.lanes)};
     uint near = mask_bits(squared.lanes <= nearest->distance_squared) & lanes_in(leaf);
     for (; near != 0; near &= near - 1) {
         const int lane = lowest_bit(near);
-        add_distance(nearest, squared.of_lane[lane], prim_id_of(leaf, lane));
+        add_distance(nearest, squared.of_lane[lane], upper.of_lane[lane], prim_id_of(leaf, lane));
     }
 }
 
@@ -62,7 +64,7 @@ INLINED void test_spheres(nearest_t *nearest, const global sphere_block_t *spher
         distance_squared_to_sphere(nearest, load_points(spheres->centre), load_lanes(spheres->radius))};
     for (uint near = mask_bits(squared.lanes <= nearest->distance_squared); near != 0; near &= near - 1) {
         const int lane = lowest_bit(near);
-        add_distance(nearest, squared.of_lane[lane], spheres->prim_id[lane]);
+        add_distance(nearest, squared.of_lane[lane], INFINITY, spheres->prim_id[lane]);
     }
 }
 

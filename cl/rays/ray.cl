@@ -3,6 +3,9 @@
 #include "structs.cl"
 #include "math/numeric.cl"
 
+// keep: expanded before the branches
+#include "exact/ray.cl"
+
 typedef struct {
     float3 origin;
     float3 direction;
@@ -11,6 +14,9 @@ typedef struct {
     int axis;        // the axis of the direction's largest component
     float t_min;
     float t_max;
+#if EXACT
+    exact_ray_t exact;
+#endif
 } ray_t;
 
 // Permutes a vector so that component `axis` becomes z. The permutation is cyclic: it keeps orientations.

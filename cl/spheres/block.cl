@@ -38,7 +38,13 @@ INLINED void intersect_sphere_block(
 
     // As in intersect_sheared_origin. Lanes without a sphere are NaN, which fails the comparison.
     const lanes_t twist = x * ray->shear.y - y * ray->shear.x;
-    const lanes_t farthest = slope_squared(ray) * (radius * radius) + LOST_BY_UNDERFLOW;
+#if EXACT
+    const lanes_t wide = larger_lanes(lane_sizes(x), lane_sizes(y));
+    const lanes_t most = radius + 8.0f * CORNER_ERROR(permutation->reach, lane_sizes(z), wide + radius);
+#else
+    const lanes_t most = radius;
+#endif
+    const lanes_t farthest = slope_squared(ray) * (most * most) + LOST_BY_UNDERFLOW;
     uint left = mask_bits(x * x + y * y + twist * twist <= farthest);
     if (left == 0) {
         return;

@@ -14,6 +14,7 @@
 // The distance of the ray's line from the centre is |at x slope| / |slope|, a sum of squares: nothing cancels.
 // docs/internals/padding.md bounds the error.
 
+#include "exact/triangle.cl"
 #include "hits/search.cl"
 
 // A sphere in private memory.
@@ -38,9 +39,15 @@ INLINED float slope_squared(const ray_t *ray)
 }
 
 INLINED void add_sphere_crossing(
-    const float t, const bool is_leaving, const int prim_id, const int sphere_index, search_t *search, const int query)
+    const precise_t t, const bool is_leaving, const int prim_id, const int sphere_index, search_t *search,
+    const int query)
 {
+#if EXACT
+    crossing_t crossing = {0.0f, is_leaving ? 1.0f : 0.0f, 0.0f, prim_id, sphere_index};
+    set_exact_t(&crossing, t);
+#else
     const crossing_t crossing = {t, is_leaving ? 1.0f : 0.0f, 0.0f, prim_id, sphere_index};
+#endif
     add_crossing(search, crossing, query);
 }
 
@@ -77,17 +84,59 @@ INLINED bool find_chord(const float3 sheared, const float radius, const ray_t *r
     return true;
 }
 
+#if EXACT
+
+// The test in doubles, on the sphere as it is in the file, in the local coordinates of its shape, where it is no
+// ellipsoid: the textbook's, with the point of the ray that is nearest to the centre.
+SELDOM bool find_exact_chord(const ray_t *ray, const int prim_id, double *t_in, double *t_out)
+{
+    const global exact_instance_t *instance = ray->exact.instance;
+    const global double *sphere = ray->exact.shapes.spheres + 4 * (instance->first_sphere + prim_id);
+    const double3 start =
+        transform_exactly(instance->to_object, ray->exact.origin - load_double3(instance->centre));
+    const double3 direction = transform_exactly(instance->to_object, ray->exact.direction);
+    const double3 to_centre = to_shape(instance, load_double3(sphere)) - start;
+    const double radius = sphere[3] * instance->scale;
+    const double square = dot3(direction, direction), middle = dot3(to_centre, direction) / square;
+    const double3 away = to_centre - middle * direction;
+    const double rest = radius * radius - dot3(away, away);
+    if (!(rest >= 0.0)) {
+        return false;
+    }
+    const double reach = sqrt(rest / square);
+    *t_in = middle - reach - ray->exact.t_shift;
+    *t_out = middle + reach - ray->exact.t_shift;
+    return true;
+}
+
+// The sphere that float32 has to meet for the test in doubles: with the error of a corner, see exact/triangle.cl.
+INLINED float grown_radius(const float3 sheared, const float radius, const ray_t *ray)
+{
+    const float wide = larger(absolute(sheared.x), absolute(sheared.y));
+    return radius + 8.0f * CORNER_ERROR(largest_of(ray->origin), absolute(sheared.z), wide + radius);
+}
+
+#endif
+
 // Reports the crossings of the ray with a sphere, of which `sheared` is the sheared origin.
 INLINED void intersect_sheared_origin(
     const float3 sheared, const float radius, const int prim_id, const int sphere_index, const ray_t *ray,
     search_t *search, const int query)
 {
     chord_t chord;
+#if EXACT
+    double t_in, t_out;
+    if (!find_chord(sheared, grown_radius(sheared, radius, ray), ray, &chord)
+        || !find_exact_chord(ray, prim_id, &t_in, &t_out)) {
+        return;
+    }
+#else
     if (!find_chord(sheared, radius, ray, &chord)) {
         return;
     }
     const float t_in = (chord.unit * chord.way_in - sheared.z) * ray->shear.z;
     const float t_out = (chord.unit * chord.way_out - sheared.z) * ray->shear.z;
+#endif
 
     const bool enters = t_in >= ray->t_min && t_in <= ray->t_max;
     if (enters) {

@@ -41,6 +41,9 @@ INLINED corners_t corners_at(const global block_t *blocks, const int triangle_in
 typedef struct {
     int axes[3];
     float3 origin;
+#if EXACT
+    float reach;  // the largest coordinate of the origin
+#endif
 } axis_permutation_t;
 
 INLINED axis_permutation_t make_axis_permutation(const ray_t *ray)
@@ -50,6 +53,9 @@ INLINED axis_permutation_t make_axis_permutation(const ray_t *ray)
     permutation.axes[1] = ray->axis == 0 ? 2 : ray->axis - 1;
     permutation.axes[2] = ray->axis;
     permutation.origin = permute_axes(ray->origin, ray->axis);
+#if EXACT
+    permutation.reach = largest_of(ray->origin);
+#endif
     return permutation;
 }
 
@@ -86,6 +92,26 @@ INLINED vertices_t shear_lanes(
     return vertices;
 }
 
+#if EXACT
+
+INLINED lanes_t lane_sizes(const lanes_t numbers)
+{
+    return larger_lanes(numbers, -numbers);
+}
+
+// The largest coordinate of a vertex across the ray.
+INLINED lanes_t widest(const vertices_t *vertices)
+{
+    return larger_lanes(lane_sizes(vertices->x), lane_sizes(vertices->y));
+}
+
+INLINED float3 length_of_lane(const float vertices[3][WIDTH], const int lane)
+{
+    return (float3)(vertices[0][lane], vertices[1][lane], vertices[2][lane]);
+}
+
+#endif
+
 INLINED float3 vertex_of_lane(const float vertices[3][WIDTH], const int lane, const ray_t *ray)
 {
     return (float3)(vertices[0][lane], vertices[1][lane], ray->shear.z * vertices[2][lane]);
@@ -106,7 +132,14 @@ INLINED void intersect_block(
     const lanes_t edge_c = b.x * a.y - b.y * a.x;
     const lanes_t min_edge = smaller_lanes(smaller_lanes(edge_a, edge_b), edge_c);
     const lanes_t max_edge = larger_lanes(larger_lanes(edge_a, edge_b), edge_c);
+#if EXACT
+    const lanes_t wide = larger_lanes(larger_lanes(widest(&a), widest(&b)), widest(&c));
+    const lanes_t far = larger_lanes(larger_lanes(lane_sizes(a.z), lane_sizes(b.z)), lane_sizes(c.z));
+    const lanes_t error = EDGE_ERROR(CORNER_ERROR(permutation->reach, far, wide), wide);
+    uint left = mask_bits((min_edge >= -error) | (max_edge <= error)) & lanes_in(leaf);
+#else
     uint left = mask_bits((min_edge >= 0.0f) | (max_edge <= 0.0f)) & lanes_in(leaf);
+#endif
     if (left == 0) {
         return;
     }
@@ -118,10 +151,17 @@ INLINED void intersect_block(
     do {
         const int lane = lowest_bit(left);
         left &= left - 1;
+#if EXACT
+        decide_triangle(
+            length_of_lane(sheared.vertices[0], lane), length_of_lane(sheared.vertices[1], lane),
+            length_of_lane(sheared.vertices[2], lane), permutation->reach, prim_id_of(leaf, lane),
+            triangle_index_of(block, lane), ray, search, query);
+#else
         intersect_sheared(
             vertex_of_lane(sheared.vertices[0], lane, ray), vertex_of_lane(sheared.vertices[1], lane, ray),
             vertex_of_lane(sheared.vertices[2], lane, ray), prim_id_of(leaf, lane), triangle_index_of(block, lane), ray,
             search, query);
+#endif
     } while (left != 0);
 }
 

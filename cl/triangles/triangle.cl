@@ -15,6 +15,7 @@
 
 #include "math/numeric.cl"
 #include "hits/search.cl"
+#include "exact/triangle.cl"
 
 typedef struct {
     float3 a;
@@ -29,6 +30,17 @@ INLINED float3 shear_vertex(const float3 vertex, const ray_t *ray)
     return (float3)(
         permuted.x - ray->shear.x * permuted.z, permuted.y - ray->shear.y * permuted.z, ray->shear.z * permuted.z);
 }
+
+#if EXACT
+
+// A vertex in the coordinates of the ray, with z as a length along the axis.
+INLINED float3 shear_length(const float3 vertex, const ray_t *ray)
+{
+    const float3 permuted = permute_axes(vertex - ray->origin, ray->axis);
+    return (float3)(permuted.x - ray->shear.x * permuted.z, permuted.y - ray->shear.y * permuted.z, permuted.z);
+}
+
+#endif
 
 // a * b - c * d with an error below 1.5 units in the last place: the sign is exact, and the result is zero only where
 // the difference is (Jeannerod, Louvet and Muller, "Further analysis of Kahan's algorithm for the accurate computation
@@ -93,6 +105,11 @@ INLINED void intersect_corners(
     const corners_t *corners, const int prim_id, const int triangle_index, const ray_t *ray, search_t *search,
     const int query)
 {
+#if EXACT
+    decide_triangle(
+        shear_length(corners->a, ray), shear_length(corners->b, ray), shear_length(corners->c, ray),
+        largest_of(ray->origin), prim_id, triangle_index, ray, search, query);
+#else
     const float3 a = shear_vertex(corners->a, ray);
     const float3 b = shear_vertex(corners->b, ray);
     const float3 c = shear_vertex(corners->c, ray);
@@ -100,4 +117,5 @@ INLINED void intersect_corners(
     if (!have_opposite_signs(c.x * b.y - c.y * b.x, a.x * c.y - a.y * c.x, b.x * a.y - b.y * a.x)) {
         intersect_sheared(a, b, c, prim_id, triangle_index, ray, search, query);
     }
+#endif
 }

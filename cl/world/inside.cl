@@ -14,22 +14,37 @@
 // "All of them", for a search that counts crossings.
 #define NO_LIMIT 0x7fffffff
 
-// Whether a shape contains a point in its local coordinates.
+// The ray from a point along which crossings are counted, in the local coordinates of a shape: `position` is the point
+// there.
+INLINED ray_t
+make_counting_ray(const world_t *world, const point_pair_t *point, const int instance_id, const float3 position)
+{
+#if EXACT
+    const global exact_instance_t *instance = world->shapes.instances + instance_id;
+    ray_pair_t ray = make_exact_pair(
+        convert_double3(point->position) + convert_double3(point->position_low),
+        transform_exactly(instance->to_world, convert_double3(GENERIC_DIRECTION)), 0.0f, INFINITY, point->mask);
+    ray.shapes = world->shapes;
+    return enter_exactly(&ray, instance_id, INFINITY);
+#else
+    return make_ray(position, GENERIC_DIRECTION, 0.0f, INFINITY);
+#endif
+}
+
+// Whether a shape contains the point from which a ray begins.
 INLINED bool is_in_shape(
-    const global node_t *nodes, const global block_t *blocks, const int block_count, const int kind,
-    const float3 position)
+    const global node_t *nodes, const global block_t *blocks, const int block_count, const int kind, const ray_t *ray)
 {
 #if HAS_SPHERES
     if (kind == KIND_SPHERES) {
-        nearest_t nearest = make_nearest(make_lone_metric(position), KIND_BALLS);
+        nearest_t nearest = make_nearest(make_lone_metric(ray->origin), KIND_BALLS);
         nearest.distance = nearest.distance_squared = 0.0f;
         find_nearest(nodes, blocks, block_count, &nearest);
         return nearest.prim_id != NO_PRIM;
     }
 #endif
-    const ray_t ray = make_ray(position, GENERIC_DIRECTION, 0.0f, INFINITY);
     search_t search = make_search(NO_LIMIT, 0);
-    traverse(nodes, nodes, blocks, block_count, &ray, &search, QUERY_COUNT);
+    traverse(nodes, nodes, blocks, block_count, ray, &search, QUERY_COUNT);
     return search.count % 2 == 1;
 }
 
@@ -42,9 +57,11 @@ INLINED bool is_in_instance(const world_t *world, const global instance_t *insta
         return false;
     }
     const float3 way = way_to_instance(instance, point->position, point->position_low);
+    const ray_t ray = make_counting_ray(
+        world, point, instance->instance_id, transform_vector(instance->to_object, -way));
     return is_in_shape(
         world->nodes + instance->first_node, find_blocks(instance, world->blocks, world->spheres),
-        instance->block_count, instance->kind, transform_vector(instance->to_object, -way));
+        instance->block_count, instance->kind, &ray);
 }
 
 // Returns the index of the next visible instance that contains a point, or -1 after the last one.
@@ -63,8 +80,9 @@ INLINED int next_around(const world_t *world, instance_walk_t *walk, const point
 INLINED bool is_in_world(const world_t *world, const point_pair_t *point)
 {
 #if LONE
+    const ray_t ray = make_counting_ray(world, point, 0, point->position);
     return point->mask != 0
-        && is_in_shape(world->nodes, world->blocks, world->block_count, LONE_KIND, point->position);
+        && is_in_shape(world->nodes, world->blocks, world->block_count, LONE_KIND, &ray);
 #else
     instance_walk_t walk;
     begin_walk(&walk, world->top_nodes, point->position);

@@ -48,7 +48,7 @@ INLINED void visit_instance_near(
         world->nodes + instance->first_node, find_blocks(instance, world->blocks, world->spheres),
         instance->block_count, &nearest);
     if (best->kept.heap) {
-        best->kept.count = nearest.kept.count;
+        best->kept = nearest.kept;
         best->distance = farthest_kept(&nearest.kept);
         return;
     }
@@ -98,7 +98,7 @@ INLINED world_nearest_t find_world_nearest(
     find_nearest(world->nodes, world->blocks, world->block_count, &nearest);
     best.prim.prim_id = nearest.prim_id;
     best.prim.instance_id = nearest.prim_id == NO_PRIM ? NO_PRIM : 0;
-    best.kept.count = nearest.kept.count;
+    best.kept = nearest.kept;
     return best;
 #else
     int stack[TOP_STACK_SIZE];

@@ -17,7 +17,7 @@
 #include "world/world.cl"
 
 #define RAY_ARGUMENTS \
-    const global packed_ray_t *restrict rays, const global ray_low_t *restrict lows, const int low_step, \
+    const global packed_ray_t *restrict rays, const global ray_rest_t *restrict lows, const int low_step, \
     const int ray_count, const int row_length
 
 #define CAST_ARGUMENTS \
@@ -29,10 +29,10 @@
 
 // Loads a ray of the batch, and asks for a later one.
 INLINED world_ray_t load_ray(
-    const global packed_ray_t *rays, const global ray_low_t *lows, const int low_step, const int ray_index)
+    const global packed_ray_t *rays, const global ray_rest_t *lows, const int low_step, const int ray_index)
 {
     WILL_READ(rays + ray_index + PREFETCH_RAYS);
-#if LONE
+#if LONE && !EXACT
     return unpack_ray(rays + ray_index);
 #else
     return unpack_ray_pair(rays + ray_index, lows + low_step * ray_index);

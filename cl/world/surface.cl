@@ -53,7 +53,12 @@ INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t
 {
 #if HAS_SPHERES
     const ball_t ball = ball_at((const global sphere_block_t *)world->blocks, search->nearest.triangle_index);
+#if EXACT
+    const ray_t rounded = rounded_ray(ray);
+    const surface_t own = sphere_surface_at(&ball, search->nearest.u > 0.0f, &rounded);
+#else
     const surface_t own = sphere_surface_at(&ball, search->nearest.u > 0.0f, ray);
+#endif
 #else
     const corners_t corners = corners_at(world->blocks, search->nearest.triangle_index);
     const surface_t tight = surface_at(&corners, &search->nearest, ray->direction);

@@ -17,6 +17,7 @@
 #include "boxes/aabb.cl"
 #include "math/pairs.cl"
 #include "math/vectors.cl"
+#include "instances/instance.cl"
 #include "traversal/entry_point.cl"
 #if !LONE
 #include "instances/start.cl"
@@ -26,10 +27,18 @@
 #define WORLD_ARGUMENTS \
     const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count, \
     const global bvh2_node_t *restrict top_nodes, const global instance_t *restrict instances, \
-    const global float *restrict spheres
+    const global float *restrict spheres, const global exact_instance_t *restrict exact_instances, \
+    const global exact_real_t *restrict exact_vertices, const global int *restrict exact_faces, \
+    const global exact_real_t *restrict exact_spheres
 
 // The initializer of a world_t from these arguments, and from where its rays begin.
+#if EXACT
+#define WORLD(start) \
+    {(start), nodes, blocks, block_count, top_nodes, instances, spheres, \
+     {exact_instances, exact_vertices, exact_faces, exact_spheres}}
+#else
 #define WORLD(start) {(start), nodes, blocks, block_count, top_nodes, instances, spheres}
+#endif
 
 // The mask of rays that see all instances but those that no ray sees.
 #define EVERY_MASK 0xffffffffu
@@ -49,6 +58,9 @@ typedef struct {
     const global bvh2_node_t *top_nodes;
     const global instance_t *instances;
     const global float *spheres;
+#if EXACT
+    exact_shapes_t shapes;
+#endif
 } world_t;
 
 // A position as a pair of floats: the low part is what float32 has rounded off. It is not used with a lone shape.
@@ -57,9 +69,42 @@ typedef struct {
     float3 low;
 } position_t;
 
-#if LONE
+#if EXACT
+
+typedef ray_pair_t world_ray_t;
+
+INLINED world_ray_t make_world_ray(
+    const position_t origin, const float3 direction, const float3 direction_low, const float t_max)
+{
+    return make_exact_pair(
+        convert_double3(origin.high) + convert_double3(origin.low),
+        convert_double3(direction) + convert_double3(direction_low), 0.0f, t_max, EVERY_MASK);
+}
+
+#elif LONE
 
 typedef ray_t world_ray_t;
+
+INLINED world_ray_t make_world_ray(
+    const position_t origin, const float3 direction, const float3 direction_low, const float t_max)
+{
+    return make_ray(origin.high, direction, 0.0f, t_max);
+}
+
+#else
+
+typedef ray_pair_t world_ray_t;
+
+INLINED world_ray_t make_world_ray(
+    const position_t origin, const float3 direction, const float3 direction_low, const float t_max)
+{
+    const world_ray_t ray = {origin.high, direction, 0.0f, t_max, origin.low, direction_low, EVERY_MASK};
+    return ray;
+}
+
+#endif
+
+#if LONE
 
 INLINED start_t root_of(const global node_t *nodes)
 {
@@ -79,23 +124,22 @@ INLINED bool meets_nothing(const start_t *start)
     return node_meets_nothing(*start);
 }
 
-INLINED world_ray_t make_world_ray(
-    const position_t origin, const float3 direction, const float3 direction_low, const float t_max)
-{
-    return make_ray(origin.high, direction, 0.0f, t_max);
-}
-
 // Reports the crossings of a ray to a search; the ray begins at the world's start, or else at the root.
 INLINED void traverse_world(
     const world_t *world, const world_ray_t *ray, const bool at_start, search_t *search, const int query)
 {
     const global node_t *start = at_start ? world->start : world->nodes;
+#if EXACT
+    world_ray_t own = *ray;
+    own.shapes = world->shapes;
+    const ray_t inside = enter_exactly(&own, 0, ray->t_max);
+    traverse(world->nodes, start, world->blocks, world->block_count, &inside, search, query);
+#else
     traverse(world->nodes, start, world->blocks, world->block_count, ray, search, query);
+#endif
 }
 
 #else
-
-typedef ray_pair_t world_ray_t;
 
 INLINED start_t root_of(const global node_t *nodes)
 {
@@ -113,16 +157,14 @@ INLINED bool meets_nothing(const start_t *start)
     return start->tile && start->tile->leaf_count == 0 && start->instance_index == NO_INSTANCE;
 }
 
-INLINED world_ray_t make_world_ray(
-    const position_t origin, const float3 direction, const float3 direction_low, const float t_max)
-{
-    const world_ray_t ray = {origin.high, direction, 0.0f, t_max, origin.low, direction_low, EVERY_MASK};
-    return ray;
-}
-
 INLINED void traverse_world(
     const world_t *world, const world_ray_t *ray, const bool at_start, search_t *search, const int query)
 {
+#if EXACT
+    world_ray_t own = *ray;
+    own.shapes = world->shapes;
+    ray = &own;
+#endif
     traverse_instances(
         world->top_nodes, world->instances, world->nodes, world->blocks, world->spheres,
         at_start ? world->start : start_at_root(), ray, search, query);

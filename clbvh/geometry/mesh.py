@@ -21,7 +21,8 @@ from ..support.compiled import compiled
 from ..support.memory import check_memory
 from .appearance.appearance import Appearance, check_fit
 from .arrays import as_array, check_numbers, copy_as_float64
-from .local_frame import LocalFrame, find_bounds, find_frame, shift_and_scale
+from .local_frame import LocalFrame, find_bounds, shift_and_scale
+from .scales import find_mesh_frame
 from .topology import find_points, find_vertex_normals, is_closed, measure_faces
 
 # A tree over n primitives has up to 2n - 1 nodes, and both are counted in int32.
@@ -68,7 +69,7 @@ class Mesh(LocalFrame):
     local_vertices : (V, 3) float32, local coordinates
         ``(vertices - origin) * scale``; the largest half side of their box is from 0.5 to 1, or 0.
     origin : (3,) float64, the file's coordinates
-        Centre of the vertices' box.
+        Centre of the box around the vertices that faces use; see `spans_scales`.
     scale : float
         A power of two: local units in one unit of the file.
     name : str
@@ -151,10 +152,12 @@ class Mesh(LocalFrame):
         """
         checked_vertices = _check_vertices(vertices, name)
         checked_faces = _check_faces(faces, len(checked_vertices), name)
-        local_vertices, origin, scale = _localize(checked_vertices, name)
+        frame = find_mesh_frame(checked_vertices, checked_faces, name)
         check_fit(appearance, len(checked_faces), name, has_corners=True)
         checked_parts = _check_parts(parts, len(checked_faces), name)
-        return cls(checked_vertices, checked_faces, local_vertices, origin, scale, name, appearance, checked_parts)
+        mesh = cls(checked_vertices, checked_faces, *frame[:3], name, appearance, checked_parts)
+        vars(mesh)["spans_scales"] = frame.spans_scales  # cached
+        return mesh
 
     def with_vertices(self, vertices: ArrayLike) -> Mesh:
         """Return a mesh of the same faces with moved vertices.
@@ -189,8 +192,9 @@ class Mesh(LocalFrame):
                 f"{self.name}: {len(checked_vertices):,} vertices cannot replace the mesh's {len(self.vertices):,}"
             )
         appearance = None if self.appearance is None else self.appearance.without_normals()
-        frame = _localize(checked_vertices, self.name)
-        moved = Mesh(checked_vertices, self.faces, *frame, self.name, appearance, self.parts)
+        frame = find_mesh_frame(checked_vertices, self.faces, self.name)
+        moved = Mesh(checked_vertices, self.faces, *frame[:3], self.name, appearance, self.parts)
+        vars(moved)["spans_scales"] = frame.spans_scales
         if "_is_joined" in vars(self):  # cached: it depends on the faces alone
             vars(moved)["_is_joined"] = self._is_joined
         return moved
@@ -212,23 +216,46 @@ class Mesh(LocalFrame):
 
     @cached_property
     def degenerate_faces(self) -> NDArray[np.bool_]:
-        """(F,) bool: true for triangles whose corners lie on one line or in one point, in local coordinates.
+        """(F,) bool: true for triangles whose corners lie on one line or in one point, in `decisive_vertices`.
 
         Such a triangle stays in the mesh, so that face numbers keep their meaning, but no ray ever hits it.
         """
         degenerate = np.empty(self.face_count, np.bool_)
-        _find_degenerate(self.local_vertices, self.faces, degenerate)
+        _find_degenerate(self.decisive_vertices, self.faces, degenerate)
         return degenerate
+
+    @cached_property
+    def spans_scales(self) -> bool:
+        """Whether parts of the mesh are so small beside the whole that float64 decides what rays hit.
+
+        That is a vertex all of whose faces are smaller than 2^-16 of half the box.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> ball = clbvh.make_shape("icosphere", triangles=320)
+        >>> ball.spans_scales
+        False
+        """
+        return find_mesh_frame(self.vertices, self.faces, self.name).spans_scales
+
+    @property
+    def decisive_vertices(self) -> NDArray[np.floating]:
+        """(V, 3) float: the vertices that decide which points and triangles are the same, or none.
+
+        Those in local coordinates; in float64, as they are in the file, if the mesh spans scales.
+        """
+        return self.vertices if self.spans_scales else self.local_vertices
 
     @cached_property
     def is_watertight(self) -> bool:
         """Whether the surface encloses a volume: every edge belongs to two triangles, or to another even number.
 
-        Vertices with equal local coordinates count as one, so a file may repeat them for each triangle. The orientation
-        of triangles does not matter. About 0.1 s for 871,306 triangles, once; and not again for the meshes of
-        `with_vertices` if the faces share vertices along all edges, which no movement can open.
+        Vertices with equal `decisive_vertices` count as one, so a file may repeat them for each triangle. The
+        orientation of triangles does not matter. About 0.1 s for 871,306 triangles, once; and not again for the meshes
+        of `with_vertices` if the faces share vertices along all edges, which no movement can open.
         """
-        return self._is_joined or is_closed(find_points(self.local_vertices).ids[self.faces])
+        return self._is_joined or is_closed(find_points(self.decisive_vertices).ids[self.faces])
 
     @cached_property
     def _is_joined(self) -> bool:
@@ -390,7 +417,8 @@ def is_degenerate(vertices, faces, face):
     x, y, z = np.float64(vertices[a, 0]), np.float64(vertices[a, 1]), np.float64(vertices[a, 2])
     ux, uy, uz = vertices[b, 0] - x, vertices[b, 1] - y, vertices[b, 2] - z
     vx, vy, vz = vertices[c, 0] - x, vertices[c, 1] - y, vertices[c, 2] - z
-    # Differences of float32 values and their products fit float64, so collinear means equal products.
+    # Differences of float32 values and their products fit float64, so collinear means equal products; of float64 values
+    # as far as they have no more digits.
     return uy * vz == uz * vy and uz * vx == ux * vz and ux * vy == uy * vx
 
 
@@ -403,7 +431,10 @@ def mesh_in_frame(
     """
     checked_vertices = _check_vertices(vertices, name)
     checked_faces = _check_faces(faces, len(checked_vertices), name)
-    return Mesh(checked_vertices, checked_faces, shift_and_scale(checked_vertices, origin, scale), origin, scale, name)
+    local = shift_and_scale(checked_vertices, origin, scale)
+    mesh = Mesh(checked_vertices, checked_faces, local, origin, scale, name)
+    vars(mesh)["spans_scales"] = False  # float32 of the larger mesh decides, in all of its parts
+    return mesh
 
 
 def _check_vertices(vertices: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -459,12 +490,6 @@ def _check_parts(parts: Iterable[tuple[str, int, int]], face_count: int, name: s
     if checked and checked[-1].end != face_count:
         raise MeshError(f"{name}: the parts end at face {checked[-1].end:,}, but the mesh has {face_count:,} faces")
     return checked
-
-
-def _localize(vertices: NDArray[np.float64], name: str) -> tuple[NDArray[np.float32], NDArray[np.float64], float]:
-    """Return the vertices in local coordinates, the origin and the scale."""
-    origin, scale = find_frame(*find_bounds(vertices), name, subject="the mesh is")
-    return shift_and_scale(vertices, origin, scale), origin, scale
 
 
 # What a triangle takes while its mesh is made, and what a vertex takes in a mesh with more of them. Traced for 400,000

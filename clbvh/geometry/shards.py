@@ -32,7 +32,7 @@ from ..support.compiled import compiled
 from ..support.files import as_path, open_regular, read_errors_as, read_regular, temporary_folder
 from .as_mesh import MeshLike, as_mesh
 from .loading.ply import map_triangles
-from .local_frame import find_bounds, find_frame, shift_and_scale
+from .local_frame import find_bounds, find_frame
 from .mesh import MAX_FACE_COUNT, Mesh, mesh_in_frame
 
 INDEX_FILE = "shards.json"
@@ -197,13 +197,14 @@ class _Source(NamedTuple):
 
     def find_frame(self) -> tuple[NDArray[np.float64], float]:
         """Return the origin and the scale of the mesh, as `Mesh.from_arrays` finds them."""
-        bounds = np.array([find_bounds(np.asarray(part, np.float64)) for part in _chunks(self.vertices)])
-        if not np.isfinite(bounds).all():
+        if not all(np.isfinite(part).all() for part in _chunks(self.vertices)):
             raise MeshError(f"{self.name}: a vertex has a coordinate that is not finite")
+        corners = (self.vertices[faces.reshape(-1)].astype(np.float64) for faces in self.checked_faces())
+        bounds = np.array([find_bounds(part) for part in corners])
         return find_frame(bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0), self.name, subject="the mesh is")
 
-    def cells(self, origin: NDArray[np.float64], scale: float) -> Iterator[tuple[NDArray[Any], NDArray[np.int32]]]:
-        """Yield some faces at a time, (n, 3) valid indices, and (n,) int32: the cells of their centroids."""
+    def checked_faces(self) -> Iterator[NDArray[Any]]:
+        """Yield some faces at a time, (n, 3) valid indices."""
         first = 0
         for faces in _chunks(self.faces):
             if faces.min() < 0 or faces.max() >= len(self.vertices):
@@ -212,10 +213,15 @@ class _Source(NamedTuple):
                     f"{self.name}: face {first + face} refers to vertex {faces[face, corner]}, but there are "
                     f"{len(self.vertices)} vertices (0 to {len(self.vertices) - 1})"
                 )
+            yield faces
+            first += len(faces)
+
+    def cells(self, origin: NDArray[np.float64], scale: float) -> Iterator[tuple[NDArray[Any], NDArray[np.int32]]]:
+        """Yield some faces at a time, as `checked_faces`, and (n,) int32: the cells of their centroids."""
+        for faces in self.checked_faces():
             centroids = sum((self.vertices[faces[:, corner]] - origin) * scale for corner in range(3)) / 3
             places = np.clip((centroids + 1) * (_AXIS_CELLS / 2), 0, _AXIS_CELLS - 1).astype(np.int32)
             yield faces, places @ _CELL_STEPS
-            first += len(faces)
 
 
 def _chunks(rows: NDArray[Any]) -> Iterator[NDArray[Any]]:
@@ -264,7 +270,7 @@ def _write_shards(source: _Source, folder: Path, triangles: int) -> None:
         vertices = source.vertices[used].astype(np.float64)
         path = folder / f"shard-{number:04}.npz"
         np.savez(path, prim_ids=np.ascontiguousarray(rows[:, 0]), faces=faces, vertices=vertices)
-        mesh = Mesh(vertices, faces, shift_and_scale(vertices, origin, scale), origin, scale)
+        mesh = mesh_in_frame(vertices, faces, origin, scale, name=source.name)
         half = np.maximum(half, np.abs(mesh.local_box).max(axis=0))
         described.append({"file": path.name, "triangles": len(faces), "fingerprint": mesh.fingerprint.hex()})
         proper = np.zeros(len(vertices), np.bool_)

@@ -22,6 +22,7 @@ from .appearance.material import Material
 from .arrays import as_array, check_numbers, copy_as_float64
 from .local_frame import LocalFrame, find_bounds, find_frame, shift_and_scale
 from .mesh import MAX_FACE_COUNT, Mesh
+from .scales import LEAST_SHARE
 
 # Centre and radius in the user's coordinates and in local ones.
 _BYTES_PER_SPHERE = 48
@@ -183,6 +184,11 @@ class Spheres(LocalFrame):
     def prim_count(self) -> int:
         """Number of primitives: the spheres."""
         return len(self.radii)
+
+    @cached_property
+    def spans_scales(self) -> bool:
+        """Whether a sphere is so small beside all of them that float64 decides what rays hit; see `Mesh`."""
+        return bool(self.radii.min() * self.scale < LEAST_SHARE)
 
     @property
     def is_watertight(self) -> bool:

@@ -86,6 +86,8 @@ class DeviceMesh(Mesh):
         mesh = cls.__new__(cls)
         box = ((np.stack((lower, upper)) - origin) * scale).astype(np.float32)
         vars(mesh).update(session=session, _stored=stored, origin=origin, scale=scale, name=name, local_box=box)
+        # The host has not looked at its faces.
+        vars(mesh)["spans_scales"] = False
         if like is not None:
             appearance = None if like.appearance is None else like.appearance.without_normals()
             vars(mesh).update(appearance=appearance, parts=like.parts)

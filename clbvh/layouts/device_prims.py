@@ -67,7 +67,7 @@ class DevicePrims:
         if isinstance(shape, Spheres):
             self._sources["centres"] = self._write(session, "centres", shape.local_centres)
             self._sources["radii"] = self._write(session, "radii", shape.local_radii)
-        elif isinstance(shape, Mesh) and not session.info.has_fp64:
+        elif isinstance(shape, Mesh) and not self._finds_degenerate(session, shape):
             self._sources["degenerate"] = self._write(session, "degenerate", shape.degenerate_faces.view(np.uint8))
         self.shape = shape
 
@@ -101,7 +101,7 @@ class DevicePrims:
         defines = {
             "BLOCK_WIDTH": block_width,
             "HAS_SPHERES": int(is_spheres),
-            "HAS_FP64": int(session.info.has_fp64 and not is_spheres),
+            "HAS_FP64": int(not is_spheres and self._finds_degenerate(session, self.shape)),
         }
         session.run(
             build_kernel(session, "write_blocks", defines),
@@ -116,6 +116,11 @@ class DevicePrims:
             block_count=np.int32(block_count),
             first_block=np.int32(first_block),
         )
+
+    @staticmethod
+    def _finds_degenerate(session: DeviceSession, shape: Bounded) -> bool:
+        """Return whether the device finds degenerate triangles: it has the local vertices alone."""
+        return session.info.has_fp64 and not (isinstance(shape, Mesh) and shape.spans_scales)
 
     def make_blocks(self, session: DeviceSession, block_width: int, prims: Any, block_count: int) -> Any:
         """Return a new buffer of the blocks."""

@@ -34,7 +34,7 @@ def block_struct(shape: Bounded, width: int) -> np.dtype:
 class LeafBlocks(NamedTuple):
     """Blocks that are written when it is known where they go.
 
-    Lanes without a primitive are NaN, and so are degenerate triangles, which in `TRIANGLE` have three equal corners.
+    Lanes without a primitive are NaN, and so are degenerate triangles.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class LeafBlocks(NamedTuple):
         """Write the blocks into (G,) structs."""
         shape, lanes = self.shape, items.view(np.float32).reshape(len(items), -1)
         if isinstance(shape, Mesh):
-            task: Any = partial(_write_triangles, shape.local_vertices, shape.faces)
+            task: Any = partial(_write_triangles, shape.local_vertices, shape.decisive_vertices, shape.faces)
         else:
             task = partial(_write_spheres, shape.local_centres, shape.local_radii)
         threads.for_ranges(
@@ -71,7 +71,7 @@ class LeafBlocks(NamedTuple):
 
 
 @compiled
-def _write_triangles(vertices, faces, prims, lanes, lane_ints):
+def _write_triangles(vertices, decisive, faces, prims, lanes, lane_ints):
     width = prims.shape[1]
     first_prim_id = 9 * width
     for block in range(len(prims)):
@@ -79,12 +79,11 @@ def _write_triangles(vertices, faces, prims, lanes, lane_ints):
         for slot in range(width):
             prim = prims[block, slot]
             lane_ints[block, first_prim_id + slot] = prim
-            is_none = prim == NO_PRIM or is_degenerate(vertices, faces, prim)
-            is_nan = is_none and width > 1
+            is_none = prim == NO_PRIM or is_degenerate(decisive, faces, prim)
             for corner in range(3):
-                vertex = 0 if is_nan else faces[prim, 0 if is_none else corner]
+                vertex = 0 if is_none else faces[prim, corner]
                 for axis in range(3):
-                    lanes[block, (3 * corner + axis) * width + slot] = np.nan if is_nan else vertices[vertex, axis]
+                    lanes[block, (3 * corner + axis) * width + slot] = np.nan if is_none else vertices[vertex, axis]
 
 
 @compiled(is_inlined=True)

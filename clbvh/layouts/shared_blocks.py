@@ -82,7 +82,9 @@ class SharedBlocks(NamedTuple):
 
         def make_part(begin: int, end: int) -> NDArray[np.void]:
             words = np.empty((end - begin) * _MOST_WORDS, np.int32)  # memory that is never written is never taken
-            unit_count = _write_leaves(mesh.local_vertices, mesh.faces, prims[begin:end], begins[begin:end], words)
+            unit_count = _write_leaves(
+                mesh.local_vertices, mesh.decisive_vertices, mesh.faces, prims[begin:end], begins[begin:end], words
+            )
             return words[: _UNIT_WORDS * unit_count].view(SHARED_UNIT)
 
         ranges = threads.ranges(len(prims), _LEAST_LEAVES)
@@ -113,12 +115,14 @@ class SharedBlocks(NamedTuple):
 
 
 @compiled
-def _write_leaves(vertices, faces, prims, begins, words):
+def _write_leaves(vertices, decisive, faces, prims, begins, words):
     """Write the blocks of leaves, and return the number of their units.
 
     Parameters
     ----------
     vertices : (V, 3) float32
+    decisive : (V, 3) float
+        See `Mesh.decisive_vertices`.
     faces : (F, 3) int32
     prims : (G, 8) int32
     begins : (G,) int64, written
@@ -136,7 +140,7 @@ def _write_leaves(vertices, faces, prims, begins, words):
         end = 0
         while end < _WIDTH and prims[leaf, end] != NO_PRIM:
             begin = end
-            end, vertex_count = _share(vertices, bits, faces, prims[leaf], begin, known, shared, corners)
+            end, vertex_count = _share(decisive, bits, faces, prims[leaf], begin, known, shared, corners)
             size = (SHARED_HEADER + 3 * vertex_count + end - begin + _UNIT_WORDS - 1) // _UNIT_WORDS
             is_last = end == _WIDTH or prims[leaf, end] == NO_PRIM
             own = words[_UNIT_WORDS * unit : _UNIT_WORDS * (unit + size)]
@@ -147,12 +151,14 @@ def _write_leaves(vertices, faces, prims, begins, words):
 
 
 @compiled(is_inlined=True)
-def _share(vertices, bits, faces, prims, begin, known, shared, corners):
+def _share(decisive, bits, faces, prims, begin, known, shared, corners):
     """Find the vertices of a block's triangles; return the end of these, and the number of vertices.
 
     Parameters
     ----------
-    vertices, bits : (V, 3) float32 and int32, the same memory
+    decisive : (V, 3) float
+    bits : (V, 3) int32
+        Those of the local vertices.
     faces : (F, 3) int32
     prims : (8,) int32
         Of the leaf; the block's triangles begin at `begin`.
@@ -167,7 +173,7 @@ def _share(vertices, bits, faces, prims, begin, known, shared, corners):
     end, vertex_count = begin, 0
     while end < _WIDTH and prims[end] != NO_PRIM:
         prim, count = prims[end], vertex_count
-        is_none = is_degenerate(vertices, faces, prim)
+        is_none = is_degenerate(decisive, faces, prim)
         for corner in range(3):
             vertex = _NO_VERTEX if is_none else faces[prim, corner]
             index = 0

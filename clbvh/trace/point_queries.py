@@ -16,8 +16,8 @@ from ..scene.handles import Geometry, Instances
 from .launch import Caster
 from .moves import Moves
 from .points.ambient_occlusion import Hemispheres, check_sampling, find_open_shares
-from .points.nearest import find_nearest_points
-from .points.queries import SeenPoints, find_closest_points, find_contained, find_signed_distances
+from .points.nearest import find_closest, find_nearest_points, find_signed
+from .points.queries import SeenPoints, find_contained
 from .points.refine import ClosestPoints
 from .rays.pieces import Progress
 
@@ -96,7 +96,7 @@ class PointQueries(Moves):
         array(2.)
         """
         caster, seen = self._caster, self._see(points, mask, geometry, instance)
-        return find_closest_points(caster, seen, progress)
+        return find_closest(caster, seen, progress)
 
     def closest_points(
         self,
@@ -215,7 +215,7 @@ class PointQueries(Moves):
         """
         caster, seen = self._caster, self._see(points, mask, geometry, instance)
         self._warn_if_open("signed_distance", caster, seen)
-        return find_signed_distances(caster, seen, progress)
+        return find_signed(caster, seen, progress)
 
     def ambient_occlusion(
         self,

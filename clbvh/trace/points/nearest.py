@@ -18,7 +18,19 @@ from ..ranges import cast_ranges
 from ..rays.batch import check_room
 from ..rays.pieces import Progress
 from .pack import FAR_SHARE, pack_points
-from .queries import POINT_BYTES, Piece, Search, SeenPoints, at_chosen_instances, cut_pieces, find_in_box
+from .queries import (
+    POINT_BYTES,
+    Piece,
+    Search,
+    SeenPoints,
+    at_chosen_instances,
+    cut_pieces,
+    find_closest_points,
+    find_contained,
+    find_deepest_instances,
+    find_in_box,
+    find_signed_distances,
+)
 from .refine import ClosestPoints, FoundPoints
 
 _CLOSEST_POINTS = Query("closest_points", "hits")
@@ -53,6 +65,33 @@ def find_nearest_points(
     return found.as_closest((*seen.points.shape, count), caster.world.arrays.geometry_id)
 
 
+def find_closest(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> ClosestPoints:
+    """Return the closest points of what is visible; see `Tracer.closest_point`."""
+    if not caster.world.is_exact:
+        return find_closest_points(caster, seen, progress)
+    distance, point, prim_id = closest = find_nearest_points(caster, seen, 1, progress)
+    return ClosestPoints(
+        distance[..., 0], point[..., 0, :], prim_id[..., 0], closest.geometry_id[..., 0], closest.instance_id[..., 0]
+    )
+
+
+def find_signed(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.float64]:
+    """Return the signed distance to the surface of what is visible; see `Tracer.signed_distance`."""
+    if not caster.world.is_exact:
+        return find_signed_distances(caster, seen, progress)
+    signed = -find_closest(caster, seen, progress).distance.reshape(-1)
+    if caster.world.is_lone:
+        deepest = np.where(find_contained(caster, seen).reshape(-1), 0, NO_PRIM)
+    else:
+        # Float32 chooses among instances that are about as deep; the depth is that of the one that it has chosen.
+        deepest = find_deepest_instances(caster, seen)
+    for instance_id in np.unique(deepest[deepest != NO_PRIM]):
+        here = np.flatnonzero(deepest == instance_id)
+        inside = SeenPoints(seen.points.take(here), None, np.array([instance_id]))
+        signed[here] = find_nearest_points(caster, inside, 1).distance[:, 0]
+    return signed.reshape(seen.points.shape)
+
+
 def _search(search: Search, piece: Piece, count: int, slots: int, found: FoundPoints) -> None:
     """Write the nearest primitives of the points in the order of a piece."""
     most_points = max(1, search.call.fit(search.call.world.hit_dtype, _MOST_SLOTS) // slots)
@@ -69,8 +108,9 @@ def _search_batch(search: Search, piece: Piece, count: int, slots: int, found: F
     candidates = FoundPoints.make(len(order) * slots)
     batch = pack_points(call, points, piece.masks, order)
     with call.cast(
-        _CLOSEST_POINTS, batch, results_per_item=slots, slots=np.int32(slots), metrics=search.buffer
-    ) as hits:
+        _CLOSEST_POINTS, batch, results_per_item=slots, slots=np.int32(slots), is_single=np.int32(count == 1),
+        metrics=search.buffer,
+    ) as hits:  # fmt: skip
         search.refine(points, np.repeat(order, slots), hits, candidates, np.arange(len(hits), dtype=np.int32))
         is_crowded = hits["prim_id"][slots - 1 :: slots] != NO_PRIM
         # Nothing that is left out is nearer than this.

@@ -35,6 +35,9 @@ POINT_BYTES = 40
 # modelled along meets few edges exactly, where the traversal has the most to do.
 GENERIC_DIRECTIONS = np.array([[0.374, 0.621, 0.689], [-0.571, 0.277, 0.773]])
 
+# Nothing contains points out of the box, which float32 has rounded.
+_BOX_GROWTH = 1 + 2.0**-20
+
 _NOTHING_VISIBLE = Broadcast.to_shape(np.zeros((), np.uint32), 0, ())
 
 
@@ -164,9 +167,9 @@ def find_contained(caster: Caster, seen: SeenPoints, progress: Progress | None =
 
     @at_chosen_instances
     def cast(seen: SeenPoints, call: Call, part: range, progress: Progress | None) -> None:
-        box = call.world.box  # nothing contains points out of it
+        box = call.world.box
         for piece in cut_pieces(call, seen, part, progress):
-            order = piece.order[find_in_box(piece.points, box, box.half)[piece.order]]
+            order = piece.order[find_in_box(piece.points, box, box.half * _BOX_GROWTH)[piece.order]]
             if call.on_host(len(order)):
                 rays, shape = read_rays(piece.points[order], GENERIC_DIRECTIONS[0], 0.0, np.inf)
                 is_odd = count_hits(call.caster, rays, shape, None, None) % 2 == 1
@@ -196,13 +199,29 @@ def find_signed_distances(caster: Caster, seen: SeenPoints, progress: Progress |
                 search.find(_DEPTH, piece, batch, near)
                 is_inside = near.prim_id != NO_PRIM
             else:
-                is_inside = find_in_box(piece.points, box, box.half)
+                is_inside = find_in_box(piece.points, box, box.half * _BOX_GROWTH)
                 with call.cast(_INSIDE, batch) as inside:
                     is_inside[piece.order] &= inside.view(np.bool_)
             own[is_inside] = near.distance[is_inside]
 
     cast_ranges(caster, seen.point_count, partial(cast, seen), progress)
     return signed.reshape(seen.points.shape)
+
+
+def find_deepest_instances(caster: Caster, seen: SeenPoints) -> NDArray[np.int32]:
+    """Return (n,) int32: of the visible instances that contain a point, the deepest around it; `NO_PRIM` where none."""
+    deepest = np.empty(seen.point_count, np.int32)
+
+    @at_chosen_instances
+    def cast(seen: SeenPoints, call: Call, part: range, progress: Progress | None) -> None:
+        search = Search.begin(call)
+        for piece in cut_pieces(call, seen, part, progress):
+            batch = pack_points(call, piece.points, piece.masks, piece.order)
+            with call.cast(_DEPTH, batch, metrics=search.buffer) as prims:
+                deepest[piece.begin + piece.order] = prims["instance_id"]
+
+    cast_ranges(caster, seen.point_count, partial(cast, seen), None)
+    return deepest
 
 
 def cut_pieces(

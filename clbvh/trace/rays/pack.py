@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 
 from ...errors import QueryError
 from ...structs import (
+    EXACT_RAY,
+    EXACT_RAY_DIRECTION,
+    EXACT_RAY_LANES,
     PACKED_RAY,
     PACKED_RAY_DIRECTION,
     PACKED_RAY_LANES,
@@ -108,8 +111,8 @@ def pack_rays(
         Rays to write, by their indices in the part; all in their own order without it.
     first_ray : int, optional
         Index of the part's first ray in the batch.
-    lows : (n,) `structs.RAY_LOW`, optional, written
-        For the rays of a scene.
+    lows : (n,) `structs.RAY_LOW` or `structs.EXACT_RAY`, optional, written
+        For the rays of a scene, or of a world that spans scales.
     shared_low : (1,) `structs.RAY_LOW`, optional
         Instead of `lows`, from `find_shared_low`.
 
@@ -174,8 +177,9 @@ def find_shared_low(
     return low
 
 
-def _as_lanes(items: NDArray[np.void]) -> NDArray[np.float32]:
-    return items.view(np.float32).reshape(-1, items.dtype.itemsize // 4)
+def _as_lanes(items: NDArray[np.void]) -> NDArray[np.floating]:
+    lane = np.dtype(np.float64 if items.dtype == EXACT_RAY else np.float32)
+    return items.view(lane).reshape(-1, items.dtype.itemsize // lane.itemsize)
 
 
 def _masks_of(masks: Broadcast, first_ray: int, order: NDArray[np.int32] | None, count: int) -> NDArray[np.uint32]:
@@ -275,7 +279,13 @@ def _write(packed, lows, slot, ray):
 
 @compiled
 def _write_low(packed, lows, slot, ray):
-    """Write what float32 has rounded off a ray of a scene."""
+    """Write what float32 has rounded off a ray of a scene, or, into an `EXACT_RAY`, all of it."""
+    if lows.shape[1] == EXACT_RAY_LANES:
+        lows[slot, 0], lows[slot, 1], lows[slot, 2] = ray.x, ray.y, ray.z
+        lows[slot, EXACT_RAY_DIRECTION] = ray.dx
+        lows[slot, EXACT_RAY_DIRECTION + 1] = ray.dy
+        lows[slot, EXACT_RAY_DIRECTION + 2] = ray.dz
+        return
     lows[slot, 0] = ray.x - np.float64(packed[slot, 0])
     lows[slot, 1] = ray.y - np.float64(packed[slot, 1])
     lows[slot, 2] = ray.z - np.float64(packed[slot, 2])

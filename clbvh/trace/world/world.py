@@ -20,6 +20,7 @@ from ...errors import SceneError
 from ...geometry import Mesh, Shape
 from ...scene.state import SceneState
 from ...structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUTS, WORLD_HIT
+from .exact import NOT_EXACT, put_exact_arrays, spans_scales
 from .metrics import LazyMetrics
 from .refine_buffers import RefineBuffers
 from .surface_arrays import SurfaceArrays, lone_arrays, make_surface_arrays, move_instances
@@ -56,6 +57,8 @@ class World:
         What distances need of the instances.
     refine_buffers : RefineBuffers
         What the device needs to refine hits.
+    exact : dict of str to buffer
+        What kernels need that decide in float64, see `exact.py`.
     """
 
     state: SceneState
@@ -66,6 +69,7 @@ class World:
     top_buffers: dict[str, Any]
     metrics: LazyMetrics
     refine_buffers: RefineBuffers
+    exact: dict[str, Any]
 
     @property
     def arrays(self) -> SurfaceArrays:
@@ -86,7 +90,7 @@ class World:
     def arguments(self) -> dict[str, Any]:
         """What every kernel is told of the world, by the names of its arguments; see cl/world/world.cl."""
         buffers: dict[str, Any] = dict.fromkeys(("blocks", "spheres", "top_nodes", "instances"))
-        buffers |= self.trees.buffers | self.top_buffers
+        buffers |= self.trees.buffers | self.top_buffers | self.exact
         if self.is_lone and self.has_spheres:
             buffers |= {"blocks": buffers["spheres"], "spheres": None}
         return buffers | {"block_count": np.int32(self.trees.trees[0].block_count if self.is_lone else 0)}
@@ -95,7 +99,13 @@ class World:
     def defines(self) -> dict[str, int]:
         """Macros of every kernel that traverses the world."""
         trees = self.trees
-        return make_defines(trees.layout, trees.stack_size, is_lone=self.is_lone, has_spheres=self.has_spheres)
+        defines = make_defines(trees.layout, trees.stack_size, is_lone=self.is_lone, has_spheres=self.has_spheres)
+        return defines | {"EXACT": 1} if self.is_exact else defines
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether float64 decides what rays hit."""
+        return self.exact is not NOT_EXACT
 
     @property
     def has_spheres(self) -> bool:
@@ -136,7 +146,7 @@ class World:
 
     def on_host(self) -> WideArrays | None:
         """Return the tree as the host sees it, for calls that are running; None where it does not."""
-        return None if self.mesh is None else self.trees.on_host()
+        return None if self.mesh is None or self.is_exact else self.trees.on_host()
 
     def shapes_of(self, instance_ids: NDArray[np.integer] | None) -> list[Shape]:
         """Return the shapes that some instances place, or all of them for None."""
@@ -238,7 +248,8 @@ def place(
         find_arrays = cache(partial(lone_arrays, state.shapes[0]))
         lone, metrics = state.shapes[0], LazyMetrics(find_arrays, trees.box.scale)
         refine_buffers = RefineBuffers(find_arrays, lone if isinstance(lone, Mesh) else None, before)
-        return World(state, trees, find_arrays, trees.box, None, {}, metrics, refine_buffers)
+        exact = _put_exact(trees, state, session, find_arrays, None, refine_buffers)
+        return World(state, trees, find_arrays, trees.box, None, {}, metrics, refine_buffers, exact)
     arrays = arrays or make_surface_arrays(state.shapes, state.geometry_ids, state.transforms)
     top = TopTree.build(arrays, trees.ranges, state.masks)
     buffers = {}
@@ -248,7 +259,17 @@ def place(
     find_arrays = cache(lambda: arrays)
     metrics = LazyMetrics(find_arrays, float(top.bvh.shape.scale))
     refine_buffers = RefineBuffers(find_arrays, None, before)
-    return World(state, trees, find_arrays, TreeBox.around(top.bvh), top, buffers, metrics, refine_buffers)
+    exact = _put_exact(trees, state, session, find_arrays, top, refine_buffers)
+    return World(state, trees, find_arrays, TreeBox.around(top.bvh), top, buffers, metrics, refine_buffers, exact)
+
+
+def _put_exact(
+    trees: DeviceTrees, state: SceneState, session: DeviceSession, find_arrays: Callable[[], SurfaceArrays],
+    top: TopTree | None, refine: RefineBuffers,
+) -> dict[str, Any]:  # fmt: skip
+    if not spans_scales(state.shapes, top):
+        return NOT_EXACT
+    return put_exact_arrays(trees.session, session, find_arrays(), top, refine)
 
 
 def with_instances(world: World, top_buffers: dict[str, Any]) -> World:

@@ -45,7 +45,8 @@ def test_the_box_is_right_wherever_the_outermost_vertex_is(count):
     for place in {0, 1, count // 2, count - 1}:
         vertices = np.zeros((count, 3))
         vertices[place] = [-2, 4, 6]
-        assert Mesh.from_arrays(vertices, [[0, 1, 2]]).origin.tolist() == [-1, 2, 3]
+        faces = np.resize(np.arange(count), (count, 3))
+        assert Mesh.from_arrays(vertices, faces).origin.tolist() == [-1, 2, 3]
 
 
 def test_arrays_of_any_type_are_copied():
