@@ -50,15 +50,15 @@ INLINED padding_t find_padding(const float3 reach, const float longest_reach, co
 // rounded to float32. So the planes need room for the rounding of corners, origin and direction, and for that of the
 // slab test. Some are relative to the origin's coordinate along the axis, and move the planes; the others are relative
 // to the distance of a plane from the origin, which is its t, see MEETING_GROWTH. A small shape keeps a small padding.
-INLINED padding_t pad_exactly(const float3 origin)
+INLINED padding_t pad_exactly(const float3 origin, const float blur)
 {
-    const padding_t padding = {ERROR_BOUND(16) * magnitude(origin), 0.0f};
+    const padding_t padding = {ERROR_BOUND(16) * magnitude(origin) + blur, 0.0f};
     return padding;
 }
 
 INLINED padding_t find_ray_padding(const ray_t *ray)
 {
-    return pad_exactly(ray->origin);
+    return pad_exactly(ray->origin, ray->exact.blur);
 }
 
 #else

@@ -48,7 +48,7 @@ INLINED void limit_shifts(slabs_t *slabs, const ray_t *ray)
     // An origin beyond float32 hits nothing, but the traversal has to end.
 #if EXACT
     const float3 origin = magnitude(ray->origin) <= 0x1p64f ? ray->origin : (float3)(0x1p64f);
-    const padding_t padding = pad_exactly(origin);
+    const padding_t padding = pad_exactly(origin, ray->exact.blur);
 #else
     const float3 origin = magnitude(ray->origin) <= FLT_MAX ? ray->origin : (float3)(FLT_MAX);
     const float3 reach = min(magnitude(origin) + LARGEST_COORDINATE, FLT_MAX);

@@ -37,6 +37,7 @@ typedef struct {
     double3 origin;     // the world's local coordinates, as the direction
     double3 direction;
     double t_shift;     // t of this ray less that of the ray in float32
+    float blur;         // how far the map to the shape may have moved the ray in float32 beside that ray's own rounding
     exact_shapes_t shapes;
     const global exact_instance_t *instance;
 } exact_ray_t;

@@ -36,6 +36,12 @@ INLINED float largest_of(const float3 v)
     return larger(size.x, larger(size.y, size.z));
 }
 
+// The largest coordinate of a ray's origin, for CORNER_ERROR; with room for the blur.
+INLINED float reach_of(const ray_t *ray)
+{
+    return largest_of(ray->origin) + ray->exact.blur / (8.0f * ROUNDING);
+}
+
 // As difference_of_products.
 INLINED double exact_difference(const double a, const double b, const double c, const double d)
 {
@@ -145,7 +151,7 @@ INLINED void add_sure_crossing(search_t *search, crossing_t crossing, const ray_
 }
 
 // Reports the crossing of the ray with the triangle of three sheared corners, if there is one: float32 tells where it
-// is sure. Their z are lengths along the axis; `reach` is the largest coordinate of the ray's origin.
+// is sure. Their z are lengths along the axis; `reach` is that of reach_of.
 INLINED void decide_triangle(
     const float3 a, const float3 b, const float3 c, const float reach, const int prim_id, const int triangle_index,
     const ray_t *ray, search_t *search, const int query)

@@ -122,8 +122,11 @@ INLINED ray_t enter_instance(
 INLINED ray_t enter_exactly(const ray_pair_t *outside, const int instance_id, const float t_max)
 {
     const global exact_instance_t *instance = outside->shapes.instances + instance_id;
-    double3 start = transform_exactly(instance->to_object, outside->exact_origin - load_double3(instance->centre));
+    const double3 centre = load_double3(instance->centre);
+    double3 start = transform_exactly(instance->to_object, outside->exact_origin - centre);
     const double3 direction = transform_exactly(instance->to_object, outside->exact_direction);
+    const double reach = instance->stretch * (largest_size(outside->exact_origin) + largest_size(centre));
+    const float blur = (float)(instance->rounding * (largest_size(start) + reach));
     double t_shift = 0.0;
     if (largest_size(start) > FAR_RADII * MOST_RADIUS) {
         const double square = dot3(direction, direction);
@@ -140,6 +143,7 @@ INLINED ray_t enter_exactly(const ray_pair_t *outside, const int instance_id, co
     ray.exact.origin = outside->exact_origin;
     ray.exact.direction = outside->exact_direction;
     ray.exact.t_shift = t_shift;
+    ray.exact.blur = blur;
     ray.exact.shapes = outside->shapes;
     ray.exact.instance = instance;
     return ray;

@@ -49,6 +49,9 @@ INLINED ray_t make_ray(const float3 origin, const float3 direction, const float 
     const float3 permuted = permute_axes(direction, ray.axis);
     const float2 slopes = permuted.xy / permuted.z;
     ray.shear = (float3)(slopes, permute_axes(ray.inverse, ray.axis).z);
+#if EXACT
+    ray.exact.blur = 0.0f;
+#endif
     return ray;
 }
 

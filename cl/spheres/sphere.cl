@@ -113,7 +113,7 @@ SELDOM bool find_exact_chord(const ray_t *ray, const int prim_id, double *t_in, 
 INLINED float grown_radius(const float3 sheared, const float radius, const ray_t *ray)
 {
     const float wide = larger(absolute(sheared.x), absolute(sheared.y));
-    return radius + 8.0f * CORNER_ERROR(largest_of(ray->origin), absolute(sheared.z), wide + radius);
+    return radius + 8.0f * CORNER_ERROR(reach_of(ray), absolute(sheared.z), wide + radius);
 }
 
 #endif

@@ -42,7 +42,7 @@ typedef struct {
     int axes[3];
     float3 origin;
 #if EXACT
-    float reach;  // the largest coordinate of the origin
+    float reach;  // see reach_of
 #endif
 } axis_permutation_t;
 
@@ -54,7 +54,7 @@ INLINED axis_permutation_t make_axis_permutation(const ray_t *ray)
     permutation.axes[2] = ray->axis;
     permutation.origin = permute_axes(ray->origin, ray->axis);
 #if EXACT
-    permutation.reach = largest_of(ray->origin);
+    permutation.reach = reach_of(ray);
 #endif
     return permutation;
 }

@@ -108,7 +108,7 @@ INLINED void intersect_corners(
 #if EXACT
     decide_triangle(
         shear_length(corners->a, ray), shear_length(corners->b, ray), shear_length(corners->c, ray),
-        largest_of(ray->origin), prim_id, triangle_index, ray, search, query);
+        reach_of(ray), prim_id, triangle_index, ray, search, query);
 #else
     const float3 a = shear_vertex(corners->a, ray);
     const float3 b = shear_vertex(corners->b, ray);

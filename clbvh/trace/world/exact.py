@@ -21,6 +21,9 @@ from .refine_buffers import RefineBuffers
 from .surface_arrays import SurfaceArrays
 from .top_tree import TopTree
 
+# Sixteen roundings of float64: of both maps, of the inverse, and of the differences before.
+_MAP_ROUNDING = 2.0**-49
+
 NOT_EXACT: dict[str, Any] = dict.fromkeys(("exact_instances", "exact_vertices", "exact_faces", "exact_spheres"))
 """The arguments of kernels that decide in float32."""
 
@@ -79,4 +82,7 @@ def make_exact_instances(arrays: SurfaceArrays, top: TopTree | None) -> NDArray[
         records["to_world"], records["to_object"] = arrays.linear * factor, arrays.inverse / factor
         place = np.einsum("nij,nj->ni", arrays.linear, origin) + arrays.offset
         records["centre"] = (place - shape.origin) * shape.scale
+        condition = (np.abs(arrays.inverse) @ np.abs(arrays.linear)).sum(axis=2).max(axis=1)
+        records["rounding"] = _MAP_ROUNDING * condition
+        records["stretch"] = np.abs(records["to_object"]).sum(axis=2).max(axis=1)
     return records

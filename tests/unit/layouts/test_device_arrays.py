@@ -96,7 +96,7 @@ def check_arrays(arrays, layout, shape):
         expected = shape.local_vertices[shape.faces].reshape(-1, 9)
         degenerate = shape.degenerate_faces
         # No ray hits them, or a lane without a triangle.
-        expected[degenerate] = np.nan if is_wide(layout) else np.tile(expected[degenerate, :3], 3)
+        expected[degenerate] = np.nan
     prims, values = rows_of(arrays.blocks, LAYOUT_WIDTHS[layout] if is_wide(layout) else 1)
     np.testing.assert_array_equal(values, np.where((prims == NO_PRIM)[:, None], np.nan, expected[prims]))
     assert sorted(prims[prims != NO_PRIM].tolist()) == list(range(shape.prim_count))
