@@ -212,8 +212,8 @@ EXACT_INSTANCE = np.dtype(
         ("to_world", "f8", (3, 3)),
         ("centre", "f8", 3),
         ("to_object", "f8", (3, 3)),
-        # How far float64 may move a point by the map to the geometry, per unit of its distance there; and the most units
-        # that one of the world's has there.
+        # How far float64 may move a point by the map to the geometry, per unit of its distance there; and the most
+        # units that one of the world's has there.
         ("rounding", "f8"),
         ("stretch", "f8"),
         # Zero and unit of the geometry's local coordinates in the coordinates of its file.
