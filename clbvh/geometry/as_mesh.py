@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MeshError
-from .loading.file_mesh import Problems, cut_fans, finish_looks, join_channels, spread_colours
+from .loading.file_mesh import Problems, finish_looks, join_channels, spread_colours
 from .loading.load import load_mesh
+from .loading.polygons import cut_polygons
 from .loading.trimesh import HasGraph, HasTriangles, describe, join_graph, mesh_of_object, read_graph, reading
 from .mesh import Mesh
 
@@ -42,7 +43,7 @@ def as_mesh(thing: MeshLike, *, or_else: str = "") -> Mesh:
     thing : Mesh, str, path, (vertices, faces), or an object of trimesh, pyvista, Open3D or meshio
         A `Mesh` is returned as it is; arrays are checked and copied, a file is loaded. A `trimesh.Scene` becomes one
         mesh whose parts are its nodes; a grid of pyvista its surface. Polygons of pyvista are cut by its own
-        `triangulate`, those of meshio into fans, as those of files.
+        `triangulate`, those of meshio as those of files.
     or_else : str, optional
         Other types that the caller accepts, for the error's message: ``"a clbvh.Bvh"``.
 
@@ -94,7 +95,8 @@ def _read_arrays(thing: Any, name: str) -> tuple[Any, ...] | None:
             surface = thing.extract_surface()
         return _read_polygons(surface)
     if has("points", "cells"):  # meshio.Mesh
-        return thing.points, _cut_cells(thing.cells, name)
+        points = np.asarray(thing.points)
+        return points, _cut_cells(thing.cells, points, name)
     if has("vertices", "triangles"):  # open3d.geometry.TriangleMesh
         return np.asarray(thing.vertices), np.asarray(thing.triangles), np.asarray(getattr(thing, "vertex_colors", ()))
     if has("vertex", "triangle"):  # open3d.t.geometry.TriangleMesh
@@ -112,7 +114,7 @@ def _read_polygons(thing: Any) -> tuple[Any, NDArray[np.integer]]:
     return thing.points, faces.reshape(-1, 4)[:, 1:]
 
 
-def _cut_cells(blocks: Iterable[Any], name: str) -> NDArray[np.integer]:
+def _cut_cells(blocks: Iterable[Any], points: NDArray[Any], name: str) -> NDArray[np.integer]:
     """Return the triangles of blocks of cells, in their order; lines, points and volumes have none."""
     faces: list[NDArray[np.integer]] = []
     kinds = []
@@ -120,7 +122,8 @@ def _cut_cells(blocks: Iterable[Any], name: str) -> NDArray[np.integer]:
         kinds.append(str(block.type))
         if block.type in ("triangle", "quad", "polygon"):
             corners = np.asarray(block.data)
-            faces.append(cut_fans(corners.ravel(), np.full(len(corners), corners.shape[1])))
+            ids = corners.ravel()
+            faces.append(cut_polygons(ids, np.full(len(corners), corners.shape[1]), ids, points))
         elif block.dim == 2:
             raise MeshError(f"{name}: cells of the type {block.type} are not read: triangle, quad and polygon are")
     if not faces:

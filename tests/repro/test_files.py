@@ -69,7 +69,7 @@ def test_obj_vertices_and_faces_that_are_none_were_left_out(write):
 
 
 def test_ply_words_that_were_no_numbers_were_left_out(write):
-    for line in ("0 1 0,7", "0 1 0 abc", "0 1 0 9", "0 1", "0 1 -", "0 1 --5", "0 1 1.5.5", "0 1 1e+", "0 1 0x10"):
+    for line in ("0 1 0,7", "0 1 0 abc", "0 1", "0 1 -", "0 1 --5", "0 1 1.5.5", "0 1 1e+", "0 1 0x10"):
         with pytest.raises(MeshError):
             load_mesh(write("a.ply", f"{PLY}0 0 0\n{line}\n1 0 0\n3 0 1 2\n"))
     for face in ("4 0 1 - 2 0", "4 0 1 2 +", "3 0 + 1 2"):

@@ -1,11 +1,12 @@
-"""Meshes as files have them, and the steps that their readers share: polygons, values of corners, problems.
+"""Meshes as files have them, and the steps that their readers share: values of corners, problems.
 
-Polygons become fans of triangles where they stand. Values are spread from the lists of the file to the corners of its
-triangles. What is wrong with the looks becomes one warning for all of it, and the triangles are read nevertheless.
+Values are spread from the lists of the file to the corners of its triangles. What is wrong with the looks becomes one
+warning for all of it, and the triangles are read nevertheless.
 """
 
 from __future__ import annotations
 
+import codecs
 import io
 import os
 import re
@@ -19,15 +20,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import AppearanceWarning, MeshError, shorten_message
+from ...errors import AppearanceWarning, ClbvhError, MeshError, shorten_message
 from ...support.files import read_regular
 from ..appearance.appearance import Appearance, find_flat_normals, make_unchecked, normalize
 from ..appearance.material import Material, copy_with_alpha
 from ..appearance.srgb import to_bytes
-from ..mesh import Part, check_face_count
+from ..mesh import Part
 
 # The letters before OFF announce more numbers per vertex, all of them behind the coordinates.
-OFF_KEYWORD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*((?:ST)?C?N?)OFF\b")
+# In small letters they are all small: `nOFF` announces another dimension. Some programs write the counts right behind.
+OFF_KEYWORD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(?:((?:ST)?C?N?)OFF|((?:st)?c?n?)off)(?![A-Za-z_])")
 
 _STL_COUNT = slice(80, 84)  # bytes of a binary file that hold the number of its triangles
 _STL_TRIANGLE_BYTES = 50
@@ -53,8 +55,10 @@ def read_named(path: Path, *, max_bytes: int | None = None) -> bytes:
         return read_regular(path, max_bytes=max_bytes)
     except FileNotFoundError:
         raise MeshError(f"{path} is missing") from None
-    except (OSError, ValueError) as error:
-        raise MeshError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    except OSError as error:
+        raise MeshError(f"{path} cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise MeshError(f"{str(path)!r} cannot be read: this is not the path of a file") from error
 
 
 _MAX_SHOWN = 3  # problems in a warning
@@ -80,7 +84,7 @@ class Problems:
         try:
             yield
         except Exception as error:
-            detail = shorten_message(error) or type(error).__name__
+            detail = shorten_message(error) if isinstance(error, ClbvhError) else "damaged, or of an unknown kind"
             self.add(f"{subject} cannot be used: {detail}")
 
     def warn(self, source: str) -> None:
@@ -201,7 +205,7 @@ def join_channels(channels: list[NDArray[np.number]], dtype: np.dtype) -> NDArra
 
     Raises
     ------
-    ValueError
+    MeshError
         A number is NaN.
     """
     whole = dtype.kind in "iu"
@@ -209,10 +213,12 @@ def join_channels(channels: list[NDArray[np.number]], dtype: np.dtype) -> NDArra
         values = np.column_stack(channels)
     else:
         numbers = np.column_stack(channels)
+        if np.isnan(numbers).any():
+            raise MeshError("a colour is not a number")
         if whole:
             most = np.iinfo(np.uint16).max if dtype.itemsize == 2 else _MAX_BYTE
         else:
-            most = _MAX_BYTE if len(numbers) and np.nanmax(numbers, initial=0) > 1 else 1
+            most = _MAX_BYTE if len(numbers) and numbers.max(initial=0) > 1 else 1
         values = to_bytes(numbers / np.float32(most))
     return copy_with_alpha(values)
 
@@ -230,53 +236,30 @@ def spread_colours(colours: NDArray[np.uint8], ids: NDArray[np.integer]) -> NDAr
     return colours.view(np.uint32)[:, 0][ids][..., None].view(np.uint8)
 
 
-def count_triangles(sizes: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Return the number of triangles of each polygon, (p,), of its number of corners."""
-    return np.maximum(sizes.astype(np.int64) - 2, 0)
+def find_stl_end(data: bytes) -> int:
+    """Return the size that the header of a binary STL file would declare; in a text, that of gigabytes.
+
+    The first word tells nothing: many programs begin binary files with `solid`, as text files do.
+    """
+    return _STL_COUNT.stop + int.from_bytes(data[_STL_COUNT], "little") * _STL_TRIANGLE_BYTES
 
 
-def report_edges(sizes: NDArray[np.integer], problems: Problems) -> None:
-    """Say how many polygons of these numbers of corners have no triangle."""
-    if edge_count := np.count_nonzero(sizes < 3):
-        problems.add(f"{edge_count:,} of {len(sizes):,} faces have fewer than three corners, and are left out")
+def has_stl_triangles(data: bytes) -> bool:
+    """Return whether there are all triangles that the header of a binary STL file would declare, and one at least."""
+    return _STL_COUNT.stop < find_stl_end(data) <= len(data)
 
 
-def cut_fans(corners: NDArray[np.integer], sizes: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Cut polygons into fans around their first corners.
-
-    A fan covers a convex polygon exactly. It reaches out of a concave one, unless the first corner is the concave one.
-
-    Parameters
-    ----------
-    corners : (n,) int
-        Vertex indices of all polygons, concatenated.
-    sizes : (p,) int
-        Corners per polygon.
-
-    Returns
-    -------
-    (F, 3) int
-        Triangles in the order of the polygons, with their winding. Polygons with fewer than three corners have none.
+def decode_text(data: bytes) -> bytes:
+    """Return a text in UTF-8 without the mark that some editors put before it; other bytes as they are.
 
     Raises
     ------
     MeshError
-        The triangles do not fit the memory: a large polygon has hardly more corners than triangles, and a corner may
-        be one byte of a file.
+        The mark is that of UTF-16, and the rest is not.
     """
-    if (sizes == 3).all():
-        return corners.reshape(-1, 3)
-    triangle_counts = count_triangles(sizes)
-    check_face_count(int(triangle_counts.sum()))
-    # Triangle k of a polygon has its corners 0, k + 1 and k + 2.
-    first = np.repeat(np.cumsum(sizes) - sizes, triangle_counts)
-    step = np.arange(len(first)) - np.repeat(np.cumsum(triangle_counts) - triangle_counts, triangle_counts)
-    return corners[np.column_stack((first, first + step + 1, first + step + 2))]
-
-
-def is_binary_stl(data: bytes) -> bool:
-    """Return whether the size is the one that the header of a binary STL file would declare.
-
-    The first word tells nothing: many programs begin binary files with `solid`, as text files do.
-    """
-    return len(data) == _STL_COUNT.stop + int.from_bytes(data[_STL_COUNT], "little") * _STL_TRIANGLE_BYTES
+    if not data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data.removeprefix(codecs.BOM_UTF8)
+    try:
+        return data.decode("utf-16").encode()
+    except UnicodeError as error:
+        raise MeshError("the text in UTF-16 is damaged or cut off") from error

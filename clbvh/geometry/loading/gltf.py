@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from ...errors import MeshError
 from ..local_frame import rotation_matrix
 from ..mesh import check_face_count
-from .file_mesh import Problems, cut_fans
+from .file_mesh import Problems
 from .file_parts import FileNode, FileParts, Piece, drop_loose_vertices, join_pieces
 from .gltf_data import GltfData, get_list, get_object, refuse_compression
 from .gltf_looks import GltfLooks
+from .polygons import cut_fans
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MODE_COUNT = 7  # the modes below are points and lines

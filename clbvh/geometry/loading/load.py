@@ -5,7 +5,6 @@ Owns the table of readers. The readers get bytes and return vertices and faces a
 
 from __future__ import annotations
 
-import codecs
 import dataclasses
 import importlib
 import os
@@ -15,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import MeshError, shorten_message
+from ...errors import MeshError
 from ...support.files import read_errors_as, read_regular
 from ..mesh import Mesh
 from ..smooth_normals import flatten
-from .file_mesh import OFF_KEYWORD, FileMesh, Problems, is_binary_stl
+from .file_mesh import OFF_KEYWORD, FileMesh, Problems, decode_text, find_stl_end, has_stl_triangles
 from .file_parts import FileNode, FileParts, LoadedParts, join_few, join_nodes, split_parts
 from .trimesh import PACKAGES
 
@@ -50,10 +49,10 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     Returns
     -------
     Mesh
-        Faces in the file's order. Polygons are cut into fans around their first corners, so a concave one may not be
-        covered exactly. Nothing is merged, except corners of an STL file whose coordinates are equal bit for bit, and
-        degenerate triangles are kept. Normals, texture coordinates, colours, materials and textures become its
-        `appearance`.
+        Faces in the file's order. Polygons are cut into fans around their first corners, and concave ones that a fan
+        would reach out of into ears. Nothing is merged, except corners of an STL file whose coordinates are equal bit
+        for bit, and degenerate triangles are kept. Normals, texture coordinates, colours, materials and textures become
+        its `appearance`.
 
         A file of several parts is one mesh whose `parts` name them. Those of a GLB or glTF file are the nodes with
         triangles, in the order of the nodes and moved to their positions in the scene, however often they place a mesh;
@@ -64,7 +63,8 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     Warns
     -----
     AppearanceWarning
-        Some of the looks cannot be used: a texture is missing, for example.
+        Some of the looks cannot be used: a texture is missing, for example. Or something is left out: numbers or bytes
+        that the file has beyond what it declares, faces with fewer than three corners.
 
     Raises
     ------
@@ -157,8 +157,10 @@ def _read(file: Path, source: str, arrange: _Arrange) -> FileParts:
         data = read_regular(file)
     if not data or data.isspace():
         raise MeshError(f"{source}: the file is empty")
-    # Some editors put a byte-order mark before a text, where it would belong to the first word.
-    data = data if is_binary_stl(data) else data.removeprefix(codecs.BOM_UTF8)
+    try:
+        data = data if len(data) == find_stl_end(data) else decode_text(data)
+    except MeshError as error:
+        raise MeshError(f"{source}: {error}") from error
     file_format = _find_format(data, file.suffix.lower().lstrip("."))
     if file_format not in _READERS:
         raise MeshError(
@@ -175,17 +177,17 @@ def _read(file: Path, source: str, arrange: _Arrange) -> FileParts:
     except MemoryError:
         raise
     except Exception as error:  # numbers that are none, and other damage that no reader looks for
-        detail = shorten_message(f"{type(error).__name__}: {error}")
-        raise MeshError(f"{source}: the {file_format.upper()} file is damaged or incomplete ({detail})") from error
+        raise MeshError(f"{source}: the {file_format.upper()} file is damaged or incomplete") from error
     problems.warn(source)
     return FileParts([read], [FileNode("", 0, np.eye(4))]) if isinstance(read, FileMesh) else read
 
 
 def _find_format(data: bytes, suffix: str) -> str:
     """Return the name of the format, by the content or else by the suffix."""
-    if is_binary_stl(data):
+    if len(data) == find_stl_end(data):
         return "stl"
-    return next((name for name, beginning in _BEGINNINGS.items() if beginning.match(data)), suffix)
+    content = next((name for name, beginning in _BEGINNINGS.items() if beginning.match(data)), "")
+    return content or ("stl" if suffix not in _READERS and has_stl_triangles(data) else suffix)
 
 
 def _make_parts(file: Path, source: str, read: FileParts) -> LoadedParts:

@@ -20,7 +20,7 @@ import numpy as np
 from ...errors import MeshError
 from ..appearance.material import OPAQUE, Material, Texture
 from ..appearance.srgb import srgb_to_linear
-from .file_mesh import Problems, read_named
+from .file_mesh import Problems, decode_text, read_named
 from .texture_files import TextureFiles, find_file, with_alpha
 
 _MAX_BYTES = 1 << 26
@@ -71,7 +71,7 @@ def _split(data: bytes) -> dict[bytes, _Words]:
     """Return the statements of each material: the words behind each keyword, in small letters."""
     materials: dict[bytes, _Words] = {}
     words: _Words = {}
-    for line in data.removeprefix(b"\xef\xbb\xbf").splitlines():
+    for line in decode_text(data).splitlines():
         keyword, *rest = line.split(None, 1)[:2] or [b""]
         value = rest[0].strip() if rest else b""
         if keyword.lower() == _NEW:

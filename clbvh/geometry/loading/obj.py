@@ -18,17 +18,15 @@ from ..mesh import Part
 from .file_mesh import (
     FileMesh,
     Problems,
-    count_triangles,
-    cut_fans,
     finish_looks,
     join_channels,
     read_table,
-    report_edges,
     spread_colours,
     spread_normals,
     spread_uvs,
 )
 from .mtl import read_materials
+from .polygons import count_triangles, cut_polygons, report_edges
 from .texture_files import TextureFiles
 
 # Comments end with their line even if that ends with a backslash, so they are dropped before lines are joined.
@@ -61,8 +59,9 @@ def read_obj(data: bytes, file: Path, problems: Problems) -> FileMesh:
         raise MeshError(f"the file is cut off in a face: face {len(sizes) - 1} has {sizes[-1]} corners")
     report_edges(sizes, problems)
     # Corners of triangles among those of the polygons.
-    corners = cut_fans(np.arange(len(vertex_ids)), sizes)
-    vertices, triangles = rows[:, :3], vertex_ids[corners]
+    vertices = rows[:, :3]
+    corners = cut_polygons(np.arange(len(vertex_ids)), sizes, vertex_ids, vertices)
+    triangles = vertex_ids[corners]
 
     looks: dict[str, NDArray] = {}
     if (normal_ids != -1).any():

@@ -25,14 +25,25 @@ def read_off(data: bytes, file: Path, problems: Problems) -> FileMesh:
     if _BINARY.match(data, keyword.end()):
         raise MeshError("the file is a binary OFF file, and only text is read: save it as text, or as PLY")
     text = re.sub(rb"#[^\r\n]*", b"", data[keyword.end() :])
-    counts, *lines = [line for line in text.splitlines() if line.strip()] or [b""]
-    if len(counts.split()) < 2:
+    lines = [line for line in text.splitlines() if line.strip()]
+    # Vertices, faces and edges, which may be left out, on one line or several: a vertex has more than one number.
+    counts: list[bytes] = []
+    used = 0
+    while used < len(lines) and (len(counts) < 2 or (len(counts) == 2 and len(lines[used].split()) == 1)):
+        counts += lines[used].split()
+        used += 1
+    if len(counts) < 2:
         raise MeshError("the file is cut off: it does not say how many vertices and faces it has")
-    vertex_count, face_count = (int(word) for word in counts.split()[:2])
-    if min(vertex_count, face_count) < 0 or len(lines) != vertex_count + face_count:
+    if not (counts[0] + counts[1]).isdigit():
+        shown = b" ".join(counts[:2]).decode("latin-1")[:40]
+        raise MeshError(f"the numbers of vertices and faces must follow 'OFF', not '{shown}'")
+    vertex_count, face_count = int(counts[0]), int(counts[1])
+    lines = lines[used:]
+    if len(lines) != vertex_count + face_count:
+        fault = "is cut off" if len(lines) < vertex_count + face_count else "goes on behind the end that it declares"
         raise MeshError(
-            f"the file is cut off or damaged: it declares {vertex_count:,} vertices and {face_count:,} faces, "
-            f"but has {len(lines):,} lines for them"
+            f"the file {fault}: {vertex_count:,} vertices and {face_count:,} faces take as many lines, but it has "
+            f"{len(lines):,}"
         )
     vertices, faces = lines[:vertex_count], lines[vertex_count:]
     widths = [len(line.split()) for line in vertices]
@@ -41,10 +52,14 @@ def read_off(data: bytes, file: Path, problems: Problems) -> FileMesh:
         raise MeshError(f"vertex {vertex} has {widths[vertex]} numbers instead of 3")
     if len(set(widths)) > 1:
         vertices = [b" ".join(line.split()[:3]) for line in vertices]
-    of_vertices = _name_columns(vertices[0].split() if vertices else [], keyword[1].decode(), problems)
+    letters = (keyword[1] or keyword[2] or b"").decode().upper()
+    of_vertices = _name_columns(vertices[0].split() if vertices else [], letters, problems)
     extra = []
     for face, line in enumerate(faces):
         words = line.split()
+        if not words[0].isdigit():
+            shown = words[0].decode("latin-1")[:40]
+            raise MeshError(f"face {face} begins with '{shown}', which is no number of corners")
         extra.append(len(words) - 1 - int(words[0]))
         if extra[-1] < 0:
             raise MeshError(f"face {face} declares {int(words[0])} corners, but has {len(words) - 1}")

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,15 +25,22 @@ from ..mesh import check_face_count
 from .file_mesh import (
     FileMesh,
     Problems,
-    count_triangles,
-    cut_fans,
     finish_looks,
     join_channels,
-    report_edges,
     spread_colours,
     spread_normals,
     spread_uvs,
 )
+from .ply_data import (
+    HEADER,
+    MAX_HEADER_BYTES,
+    Column,
+    Columns,
+    find_table,
+    read_columns,
+    read_header,
+)
+from .polygons import count_triangles, cut_polygons, report_edges
 from .texture_files import TextureFiles
 
 # In place of a vertex: the next one begins another strip.
@@ -76,23 +83,9 @@ def cut_strips(corners: NDArray[np.integer], sizes: NDArray[np.integer]) -> NDAr
     return triangles[is_whole & (first != second) & (second != third) & (third != first)]
 
 
-_MAX_HEADER_BYTES = 1 << 20
-_HEADER = re.compile(rb"ply[ \t]*[\r\n](.*?[\r\n])end_header[ \t]*(?:\r\n|\n|\r)", re.DOTALL)
-_BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
-_TYPES = {
-    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"},
-    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4"},
-    **{"double": "f8", "float64": "f8"},
-}
-_EMPTY_LINES = re.compile(rb"\n\s*\n")
-# numpy takes a bare sign with the number behind the next blank. Two patterns are ten times as fast as one of both.
-_BARE_SIGNS = re.compile(rb"-(?![0-9.iInN])"), re.compile(rb"\+(?![0-9.iInN])")
 _STRIPS = "tristrips"
 _FACE_KINDS = ("face", _STRIPS)
-_KEYWORDS = ("format", "element", "property")
 _FACE_LISTS = ("vertex_indices", "vertex_index")
-_CHUNK_BYTES = 1 << 18  # searched at a time: they stay in the cache
-
 _NORMALS = ("nx", "ny", "nz")
 _COLOURS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 _ALPHAS = ("alpha", "diffuse_alpha", "a")
@@ -101,48 +94,9 @@ _CORNER_UVS, _TEXTURE_ID = "texcoord", "texnumber"
 _TEXTURE = re.compile(rb"^comment[ \t]+texturefile[ \t]+(.+?)[ \t]*\r?$", re.IGNORECASE | re.MULTILINE)
 
 
-class _Property(NamedTuple):
-    """One property of an element; a list if it has a type for lengths."""
-
-    name: str
-    dtype: np.dtype
-    length_dtype: np.dtype | None = None
-
-
-class _Element(NamedTuple):
-    """A table of the file: `row_count` rows of the same properties."""
-
-    name: str
-    row_count: int
-    properties: list[_Property]
-
-
-class _Column(NamedTuple):
-    """The values of one property, row after row, the number of them in each row, and their type in the file."""
-
-    values: NDArray[np.number]
-    sizes: NDArray[np.int64]
-    dtype: np.dtype
-
-
-_Columns = Mapping[str, _Column]
-
-
 def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
     """Return the mesh of a PLY file: vertices (V, 3), in the file's own type, faces (F, 3), and its looks."""
-    # The header, and the rows of all elements.
-    header, byte_order, elements, begin = _read_header(data)
-    read_rows = _read_rows
-    if byte_order == "=":
-        lines = data[begin:].replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-        data, begin = _EMPTY_LINES.sub(b"\n", lines).strip() + b"\n", 0
-        read_rows = _read_text_rows
-    columns: dict[str, _Columns] = {}
-    for element in elements:
-        if element.row_count and element.properties:
-            columns[element.name], begin = read_rows(data, begin, element)
-    if data[begin:].strip():
-        raise MeshError("the file goes on behind the end that its header declares, so one of the two is damaged")
+    header, columns = read_columns(data, problems)
 
     # The vertices, and the corners of all polygons or strips.
     if not columns:
@@ -167,11 +121,11 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
     if kinds[0] == _STRIPS:
         faces, of_faces = cut_strips(ids, sizes), {}
     else:
-        faces = cut_fans(ids, sizes)
+        faces = cut_polygons(ids, sizes, ids, vertices)
         report_edges(sizes, problems)
 
     # The looks: values at corners, a white material for each texture, and the texture of each face.
-    looks = _read_looks(columns["vertex"], of_faces, vertices, faces, sizes, problems)
+    looks = _read_looks(columns["vertex"], of_faces, vertices, faces, (ids, sizes), problems)
     materials: list[Material] = []
     if "uvs" in looks and (names := [name.decode("utf-8", "replace") for name in _TEXTURE.findall(header)]):
         textures = TextureFiles(file.parent, problems)
@@ -200,14 +154,14 @@ def map_triangles(file: Path) -> tuple[NDArray[np.floating], NDArray[np.integer]
         The file cannot be read, or its header is damaged.
     """
     with read_errors_as(MeshError, file), open_regular(file) as opened:
-        data, size = opened.read(_MAX_HEADER_BYTES), os.fstat(opened.fileno()).st_size
-    if _HEADER.match(data) is None:
+        data, size = opened.read(MAX_HEADER_BYTES), os.fstat(opened.fileno()).st_size
+    if HEADER.match(data) is None:
         return None
     try:
-        _, byte_order, elements, begin = _read_header(data)
+        _, byte_order, elements, begin = read_header(data)
         mapped, tables = np.memmap(file, np.uint8, "r"), {}
         for element in elements if byte_order == "<" else []:
-            if element.row_count and (table := _find_table(mapped.data, begin, element)[0]) is not None:
+            if element.row_count and (table := find_table(mapped.data, begin, element)[0]) is not None:
                 tables[element.name], begin = table, begin + table.nbytes
     except MeshError as error:
         raise MeshError(f"{file}: {error}") from error
@@ -229,14 +183,15 @@ def map_triangles(file: Path) -> tuple[NDArray[np.floating], NDArray[np.integer]
 
 
 def _read_looks(
-    of_vertices: _Columns,
-    of_faces: _Columns,
+    of_vertices: Columns,
+    of_faces: Columns,
     vertices: NDArray[np.number],
     faces: NDArray[np.integer],
-    sizes: NDArray[np.int64],
+    polygons: tuple[NDArray[np.integer], NDArray[np.int64]],
     problems: Problems,
 ) -> dict[str, NDArray]:
-    """Return normals, colours and texture coordinates of triangles, given the numbers of corners of the polygons."""
+    """Return normals, colours and texture coordinates of triangles, given the corners of all polygons, and of each."""
+    _, sizes = polygons
     looks: dict[str, NDArray] = {}
     if all(name in of_vertices for name in _NORMALS):
         with problems.drop("the normals"):
@@ -251,14 +206,14 @@ def _read_looks(
                 looks["colours"] = spread_colours(colours, ids)
     if _CORNER_UVS in of_faces:
         with problems.drop("the texture coordinates"):
-            looks["uvs"] = _read_corner_uvs(of_faces[_CORNER_UVS], sizes)
+            looks["uvs"] = _read_corner_uvs(of_faces[_CORNER_UVS], *polygons, vertices)
     elif names := _find_names(of_vertices, _UVS):
         with problems.drop("the texture coordinates"):
             looks["uvs"] = spread_uvs(np.column_stack([of_vertices[name].values for name in names]), faces)
     return looks
 
 
-def _find_names(columns: _Columns, choices: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+def _find_names(columns: Columns, choices: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
     return next((names for names in choices if all(name in columns for name in names)), ())
 
 
@@ -267,134 +222,13 @@ def _find_polygons(sizes: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.repeat(np.arange(len(sizes)), count_triangles(sizes))
 
 
-def _read_corner_uvs(column: _Column, sizes: NDArray[np.int64]) -> NDArray[np.float32]:
+def _read_corner_uvs(
+    column: Column, corners: NDArray[np.integer], sizes: NDArray[np.int64], vertices: NDArray[np.number]
+) -> NDArray[np.float32]:
     """Return the texture coordinates of lists that have two numbers for each corner of a polygon, or none."""
     if not ((column.sizes == 2 * sizes) | (column.sizes == 0)).all():
         raise MeshError("a face has not two of them for each corner")
     # Corners in the lists that are there, in their order, have the coordinates; the others have none.
     has_uvs = np.repeat(column.sizes > 0, sizes)
-    slots = cut_fans(np.where(has_uvs, np.cumsum(has_uvs) - 1, -1), sizes)
+    slots = cut_polygons(np.where(has_uvs, np.cumsum(has_uvs) - 1, -1), sizes, corners, vertices)
     return spread_uvs(column.values.reshape(-1, 2), slots)
-
-
-def _read_header(data: bytes) -> tuple[bytes, str, list[_Element], int]:
-    """Return the lines of the header, the byte order, the elements, and the offset of the data."""
-    header = _HEADER.match(data, 0, _MAX_HEADER_BYTES)
-    if header is None:
-        raise MeshError("the file is cut off or not a PLY file: it has no header from 'ply' to 'end_header'")
-    byte_order = ""
-    elements: list[_Element] = []
-    for line in header[1].splitlines():
-        try:
-            match line.decode("latin-1").split():
-                case [] | ["comment" | "obj_info", *_]:
-                    pass
-                case ["format", name, _version]:
-                    byte_order = _BYTE_ORDERS[name]
-                case ["element", name, count] if int(count) >= 0:
-                    elements.append(_Element(name, int(count), []))
-                case ["property", "list", length_type, value_type, name]:
-                    types = [np.dtype(byte_order + _TYPES[word]) for word in (value_type, length_type)]
-                    elements[-1].properties.append(_Property(name, *types))
-                case ["property", value_type, name]:
-                    elements[-1].properties.append(_Property(name, np.dtype(byte_order + _TYPES[value_type])))
-                # Above the elements, other lines say nothing of the data: some programs sign there without `comment`.
-                case [word, *_] if not elements and word not in _KEYWORDS:
-                    pass
-                case _:
-                    raise ValueError(line)  # noqa: TRY301
-        except (LookupError, ValueError) as error:
-            words = line.decode("latin-1").strip()[:80]
-            raise MeshError(f"the PLY header has a line that is not PLY: '{words}'") from error
-    if not byte_order:
-        raise MeshError("the PLY header has no 'format' line, so it does not say how to read the data")
-    return header[1], byte_order, elements, header.end()
-
-
-def _read_text_rows(data: bytes, begin: int, element: _Element) -> tuple[_Columns, int]:
-    """Convert the lines of one element to binary rows of int64 or float64, and read those."""
-    end = _find_line_end(data, begin, element.row_count)
-    if end < begin:
-        raise _cut_off(element)
-    for bare_sign in _BARE_SIGNS:
-        if word := bare_sign.search(data, begin, end):
-            raise MeshError(f"the lines of '{element.name}' have a '{word[0].decode()}' that is no number")
-    is_whole = all(prop.dtype.kind != "f" for prop in element.properties)
-    dtype = np.dtype(np.int64 if is_whole else np.float64)
-    rows = np.fromstring(data[begin:end], dtype, sep=" ").tobytes()
-    properties = [_Property(prop.name, dtype, prop.length_dtype and dtype) for prop in element.properties]
-    columns, row_end = _read_rows(rows, 0, element._replace(properties=properties))
-    if row_end != len(rows):
-        raise MeshError(f"the lines of '{element.name}' have more numbers than the header declares")
-    return {prop.name: columns[prop.name]._replace(dtype=prop.dtype) for prop in element.properties}, end
-
-
-def _find_line_end(data: bytes, begin: int, line_count: int) -> int:
-    """Return the offset of the line behind the next `line_count` lines, -1 if there are fewer."""
-    while line_count > (count := data.count(b"\n", begin, begin + _CHUNK_BYTES)):
-        line_count -= count
-        begin += _CHUNK_BYTES
-        if begin >= len(data):
-            return -1
-    line_ends = np.flatnonzero(np.frombuffer(data[begin : begin + _CHUNK_BYTES], np.uint8) == ord("\n"))
-    return begin + int(line_ends[line_count - 1]) + 1
-
-
-def _read_rows(data: bytes, begin: int, element: _Element) -> tuple[_Columns, int]:
-    """Read the element at offset `begin`; return its columns and the offset of its end."""
-    min_width = sum((prop.length_dtype or prop.dtype).itemsize for prop in element.properties)
-    if begin + element.row_count * min_width > len(data):
-        raise _cut_off(element)
-    table, first = _find_table(data, begin, element)
-    if table is None:
-        return _walk_rows(data, begin, element)
-    return {
-        name: _Column(table[name].ravel(), sizes.repeat(element.row_count), dtype)
-        for name, (_, sizes, dtype) in first.items()
-    }, begin + table.nbytes
-
-
-def _find_table(data: bytes | memoryview, begin: int, element: _Element) -> tuple[NDArray[np.void] | None, _Columns]:
-    """Return the rows of an element as a view, or None where they are no table; and the first row."""
-    # The lists of all rows are nearly always as long as those of the first row: then the rows are a table.
-    first, first_end = _walk_rows(data, begin, element._replace(row_count=1))
-    if begin + element.row_count * (first_end - begin) > len(data):
-        return None, first
-    fields: list[tuple[str, np.dtype, tuple[int, ...]]] = []
-    for name, dtype, length_dtype in element.properties:
-        fields += [(f"{name} length", length_dtype, ())] if length_dtype else []
-        fields += [(name, dtype, first[name].values.shape)]
-    table = np.frombuffer(data, fields, element.row_count, begin)
-    lists = [prop.name for prop in element.properties if prop.length_dtype]
-    is_table = all((table[f"{name} length"] == first[name].sizes).all() for name in lists)
-    return table if is_table else None, first
-
-
-def _walk_rows(data: bytes | memoryview, begin: int, element: _Element) -> tuple[_Columns, int]:
-    """Read an element row by row."""
-    pieces: dict[str, list[NDArray[np.number]]] = {prop.name: [] for prop in element.properties}
-    at = begin
-    for row in range(element.row_count):
-        for name, dtype, length_dtype in element.properties:
-            size = 1
-            if length_dtype is not None:
-                if at + length_dtype.itemsize > len(data):
-                    raise _cut_off(element)
-                length = np.frombuffer(data, length_dtype, 1, at)[0]
-                # Written so that NaN and infinity are refused before `int` meets them.
-                if not (0 <= length <= len(data) and length == int(length)):
-                    raise MeshError(f"row {row} of '{element.name}' declares a list of {length} items")
-                size = int(length)
-                at += length_dtype.itemsize
-            if at + size * dtype.itemsize > len(data):
-                raise _cut_off(element)
-            pieces[name].append(np.frombuffer(data, dtype, size, at))
-            at += size * dtype.itemsize
-    return {
-        prop.name: _Column(np.concatenate(rows), np.fromiter(map(len, rows), np.int64), prop.dtype)
-        for prop, rows in zip(element.properties, pieces.values(), strict=True)
-    }, at
-
-
-def _cut_off(element: _Element) -> MeshError:
-    return MeshError(f"the file is cut off: its header declares {element.row_count:,} rows of '{element.name}'")

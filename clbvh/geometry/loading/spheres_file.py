@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import MeshError, shorten_message
+from ...errors import MeshError
 from ...support.archive import read_member
 from ...support.files import read_errors_as, read_regular
 from ...support.memory import check_memory
+from .file_mesh import decode_text
 
 SPHERES_SUFFIXES = (".npz", ".csv")
 
@@ -61,8 +62,7 @@ def read_spheres(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDA
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
     except Exception as error:  # damage that the libraries report in their own ways
-        detail = shorten_message(f"{type(error).__name__}: {error}")
-        raise MeshError(f"{path}: the file of spheres is damaged ({detail})") from error
+        raise MeshError(f"{path}: the file of spheres is damaged or cut off") from error
 
 
 def _read_archive(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
@@ -89,7 +89,7 @@ def _read_numbers(archive: zipfile.ZipFile, name: str) -> NDArray[np.float64]:
 
 def _read_table(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     check_memory("a file of spheres", len(data) // _LEAST_LINE_BYTES * _BYTES_PER_LINE, MeshError)
-    lines = [line for line in data.decode("utf-8-sig").splitlines() if line.strip() and not line.startswith("#")]
+    lines = [line for line in decode_text(data).decode().splitlines() if line.strip() and not line.startswith("#")]
     if lines and not _are_numbers(lines[0]):
         del lines[0]
     if not lines:
@@ -100,6 +100,8 @@ def _read_table(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64] |
     for number, line in enumerate(lines):
         if line.count(",") + 1 != columns:
             raise MeshError(f"sphere {number} must have {columns} numbers like the first one, not '{line[:40]}'")
+        if not _are_numbers(line):
+            raise MeshError(f"sphere {number} must be {columns} numbers, not '{line[:40]}'")
     values = np.loadtxt(lines, np.float64, delimiter=",", comments=None, ndmin=2)
     return np.ascontiguousarray(values[:, :3]), values[:, 3].copy() if columns == _WITH_RADII else None
 

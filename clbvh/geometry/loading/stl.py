@@ -21,7 +21,7 @@ from ..appearance.appearance import Appearance
 from ..appearance.material import OPAQUE, Material
 from ..appearance.srgb import linear_to_srgb_bytes
 from ..topology import find_equal_points
-from .file_mesh import FileMesh, Problems, finish_looks, is_binary_stl, read_table
+from .file_mesh import FileMesh, Problems, find_stl_end, finish_looks, has_stl_triangles, read_table
 
 _HEADER_BYTES = 80
 
@@ -39,11 +39,15 @@ _VERTEX = re.compile(rb"\n *vertex([^\n]*)")
 
 def read_stl(data: bytes, _: Path, problems: Problems) -> FileMesh:
     """Return the vertices (V, 3), float32 of a binary file and float64 of a text, and the faces (F, 3)."""
-    appearance = None
-    if is_binary_stl(data):
+    appearance, end = None, find_stl_end(data)
+    if len(data) == end or has_stl_triangles(data):
         from trimesh.exchange.stl import load_stl_binary  # takes 0.3 s
 
-        loaded = load_stl_binary(io.BytesIO(data))
+        if len(data) > end:
+            problems.add(
+                f"{len(data) - end:,} bytes behind the last triangle that the header declares are left out"
+            )
+        loaded = load_stl_binary(io.BytesIO(data[:end]))
         corners = loaded.get("vertices", np.empty((0, 3), np.float32))
         with problems.drop("the colours"):
             appearance = _read_colours(data[:_HEADER_BYTES], loaded["face_attributes"]["stl"]) if len(corners) else None

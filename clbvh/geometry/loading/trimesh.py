@@ -17,7 +17,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import MeshError, shorten_message
+from ...errors import MeshError
 from ..appearance.appearance import Appearance
 from ..appearance.material import OPAQUE, Material, Texture, copy_with_alpha
 from ..appearance.srgb import srgb_to_linear
@@ -76,8 +76,7 @@ def reading(thing: object) -> Iterator[None]:
     except MeshError:
         raise
     except Exception as error:
-        detail = shorten_message(f"{type(error).__name__}: {error}")
-        raise MeshError(f"{describe(thing)} has no triangles that can be read ({detail})") from error
+        raise MeshError(f"{describe(thing)} has no triangles that can be read") from error
 
 
 def describe(thing: object) -> str:

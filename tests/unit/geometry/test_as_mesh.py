@@ -62,9 +62,9 @@ def test_anything_else_is_refused_in_one_sentence():
 
 def test_cells_of_meshio_are_cut_in_their_order():
     points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 2, 0.0]]
-    cells = [("quad", [[0, 1, 2, 3]]), ("line", [[0, 1]]), ("triangle", [[3, 2, 4]]), ("polygon", [[4, 3, 2, 1, 0]])]
+    cells = [("quad", [[0, 1, 2, 3]]), ("line", [[0, 1]]), ("triangle", [[3, 2, 4]]), ("polygon", [[0, 1, 2, 4, 3]])]
     mesh = as_mesh(meshio.Mesh(points, cells))
-    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [3, 2, 4], [4, 3, 2], [4, 2, 1], [4, 1, 0]]
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [3, 2, 4], [0, 1, 2], [0, 2, 4], [0, 4, 3]]
     assert mesh.vertices.tolist() == points
     for kind, size, message in (
         ("triangle6", 6, "Mesh: cells of the type triangle6 are not read: triangle, quad and polygon are"),
@@ -99,7 +99,7 @@ def test_meshes_of_open3d_have_their_colours():
     del vertex["colors"]
     assert as_mesh(legacy).appearance is as_mesh(tensors).appearance is None
     empty = SimpleNamespace(vertex=TensorMap(), triangle=TensorMap())
-    with pytest.raises(MeshError, match=r"a types\.SimpleNamespace has no triangles that can be read \(KeyError: "):
+    with pytest.raises(MeshError, match=r"a types\.SimpleNamespace has no triangles that can be read$"):
         as_mesh(empty)
 
 
@@ -122,7 +122,7 @@ def test_graphs_that_cannot_be_read_are_refused_in_one_sentence(take):
         (nodes(a=("no matrix", "b")), {"b": triangle}),
         (nodes(a=(np.eye(4), "b")), {"b": SimpleNamespace(vertices=None, faces=None)}),
     ):
-        with pytest.raises(MeshError, match=r"a types\.SimpleNamespace has no triangles that can be read \("):
+        with pytest.raises(MeshError, match=r"a types\.SimpleNamespace has no triangles that can be read$"):
             take(SimpleNamespace(graph=graph, geometry=geometry))
 
 

@@ -8,7 +8,7 @@ from PIL import Image
 
 import clbvh
 from clbvh import AppearanceWarning, MeshError, load_mesh
-from clbvh.geometry.loading.file_mesh import cut_fans
+from clbvh.geometry.loading.polygons import cut_fans
 from clbvh.support import memory
 
 SQUARE = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0.0]])
@@ -65,10 +65,10 @@ def load(tmp_path):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_polygons_are_cut_in_place_whatever_their_types(load, kind):
-    mixed = [[0, 1, 2], [0, 1, 2, 3, 1], [1, 1, 1], [3, 2, 1]]
+    mixed = [[0, 1, 2], [0, 1, 2, 3, 3], [1, 1, 1], [3, 2, 1]]
     for extra in (False, True):
         mesh = load(make_ply(mixed, kind, extra=extra))
-        assert mesh.faces.tolist() == [[0, 1, 2], [0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 1, 1], [3, 2, 1]]
+        assert mesh.faces.tolist() == [[0, 1, 2], [0, 1, 2], [0, 2, 3], [0, 3, 3], [1, 1, 1], [3, 2, 1]]
         assert mesh.vertices.tolist() == SQUARE.tolist()
     for types in (("double", "int", "uint"), ("int", "ushort", "uchar"), ("short", "uchar", "float")):
         mesh = load(make_ply(kind=kind, types=types).replace(b"vertex_indices", b"vertex_index"))

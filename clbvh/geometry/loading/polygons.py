@@ -1,0 +1,296 @@
+"""Polygons become triangles: fans where these cover the polygon, cut ears where a fan would reach out of it.
+
+All polygons of a file are looked at together, in blocks that stay in the cache. Only concave ones pay for more.
+
+G. H. Meisters, "Polygons have ears", 1975.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mesh import check_face_count
+from .file_mesh import Problems
+
+# Corners of polygons that are looked at together. Of 2^12 to 2^18, 2^13 to 2^15 are alike.
+_BLOCK_CORNERS = 1 << 14
+# Corners that are tested against ears at once; a pair takes about 200 bytes.
+_BLOCK_PAIRS = 1 << 20
+# Of a polygon's area: a triangle that faces away by less is flat but for rounding.
+_ROUNDING = 1e-12
+
+# How good it is to cut off a corner, best first. Ears that others touch keep a corner on the new edge; flat corners are
+# degenerate triangles; the last two are for polygons that cross themselves.
+_EAR, _TOUCHED, _FLAT, _BLOCKED, _REFLEX = range(5)
+
+
+def count_triangles(sizes: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Return the number of triangles of each polygon, (p,), of its number of corners."""
+    return np.maximum(sizes.astype(np.int64) - 2, 0)
+
+
+def report_edges(sizes: NDArray[np.integer], problems: Problems) -> None:
+    """Say how many polygons of these numbers of corners have no triangle."""
+    if edge_count := np.count_nonzero(sizes < 3):
+        problems.add(f"{edge_count:,} of {len(sizes):,} faces have fewer than three corners, and are left out")
+
+
+def cut_fans(corners: NDArray[np.integer], sizes: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Cut polygons into fans around their first corners.
+
+    A fan covers a convex polygon exactly, and reaches out of most concave ones.
+
+    Parameters
+    ----------
+    corners : (n,) int
+        Vertex indices of all polygons, concatenated.
+    sizes : (p,) int
+        Corners per polygon.
+
+    Returns
+    -------
+    (F, 3) int
+        Triangles in the order of the polygons, with their winding. Polygons with fewer than three corners have none.
+
+    Raises
+    ------
+    MeshError
+        The triangles do not fit the memory: a large polygon has hardly more corners than triangles, and a corner may
+        be one byte of a file.
+    """
+    return corners.reshape(-1, 3) if (sizes == 3).all() else corners[_find_fans(sizes)]
+
+
+def cut_polygons(
+    corners: NDArray[np.integer],
+    sizes: NDArray[np.integer],
+    vertex_ids: NDArray[np.integer],
+    vertices: NDArray[np.number],
+) -> NDArray[np.integer]:
+    """Cut polygons into triangles that cover them: fans, or ears where a fan would reach out.
+
+    A polygon that is not flat is cut as its projection along the axis that it faces. One that crosses itself has no
+    right answer, and one that touches itself has, as has one whose hole is reached by an edge there and back.
+
+    Parameters
+    ----------
+    corners : (n,) int
+        Values of the corners of all polygons, concatenated: what the triangles shall have.
+    sizes : (p,) int
+        Corners per polygon.
+    vertex_ids : (n,) int
+        The vertex of each corner.
+    vertices : (V, 3) number
+        Of any other number of axes, not finite, or fewer than the corners name: the caller refuses them later.
+
+    Returns
+    -------
+    (F, 3) int
+        As of `cut_fans`; of a polygon that its fan covers, exactly those.
+
+    Raises
+    ------
+    MeshError
+        The triangles do not fit the memory.
+
+    Notes
+    -----
+    A million convex quads take 0.1 s. Ears take O(n) for each round of cuts, of which there are few unless a polygon is
+    a spiral with square corners, and a search along one axis.
+    """
+    if (sizes == 3).all():
+        return corners.reshape(-1, 3)
+    slots = _find_fans(sizes)
+    if len(vertices) and vertices.shape[1] == 3:
+        with np.errstate(over="ignore", invalid="ignore"):
+            doubtful = _find_doubtful(sizes, vertex_ids, vertices)
+            if len(doubtful):
+                _replace_fans(slots, doubtful, sizes, vertex_ids, vertices)
+    return corners[slots]
+
+
+def _find_fans(sizes: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Return the corners of fans, (F, 3), as their positions among those of all polygons."""
+    triangle_counts = count_triangles(sizes)
+    check_face_count(int(triangle_counts.sum()))
+    # Triangle k of a polygon has its corners 0, k + 1 and k + 2.
+    first = np.repeat(np.cumsum(sizes) - sizes, triangle_counts)
+    step = np.arange(len(first)) - np.repeat(np.cumsum(triangle_counts) - triangle_counts, triangle_counts)
+    return np.column_stack((first, first + step + 1, first + step + 2))
+
+
+def _find_doubtful(
+    sizes: NDArray[np.integer], vertex_ids: NDArray[np.integer], vertices: NDArray[np.number]
+) -> NDArray[np.int64]:
+    """Return the polygons that have a triangle of the fan which does not face the side of the first one."""
+    ends, axes = np.cumsum(sizes), np.ascontiguousarray(vertices.T)
+    doubtful = [np.empty(0, np.int64)]
+    block_ends = np.searchsorted(ends, np.arange(_BLOCK_CORNERS, ends[-1], _BLOCK_CORNERS)) if len(ends) else []
+    for begin, end in zip([0, *block_ends], [*block_ends, len(sizes)], strict=True):
+        polygons = begin + np.flatnonzero(sizes[begin:end] > 3)
+        if not len(polygons):
+            continue
+        if len(polygons) == end - begin:
+            ids = vertex_ids[ends[begin] - sizes[begin] : ends[end - 1]]
+        else:
+            ids = vertex_ids[_list_corners(polygons, sizes, ends)]
+        counts = sizes[polygons]
+        begins = np.cumsum(counts) - counts
+        first = np.repeat(begins, counts)
+        points = np.take(axes, ids, axis=1, mode="clip").astype(np.float64)
+        points -= np.take(points, first, axis=1)
+        normals = _cross(points[:, :-1], points[:, 1:])
+        facing = np.einsum("ij,ij->j", normals, np.take(normals, first[:-1] + 1, axis=1))
+        # The first and the last corner of a polygon have no triangle, but a product of 0.
+        if not ((facing >= 0).all() and facing[begins + 1].all()):
+            is_doubtful = ~(np.minimum.reduceat(facing, begins) >= 0) | (facing[begins + 1] == 0)
+            doubtful.append(polygons[is_doubtful])
+    return np.concatenate(doubtful)
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the cross products of vectors, (3, n): `numpy.cross` takes three times as long."""
+    (ax, ay, az), (bx, by, bz) = a, b
+    return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))
+
+
+def _list_corners(
+    polygons: NDArray[np.int64], sizes: NDArray[np.integer], ends: NDArray[np.integer]
+) -> NDArray[np.int64]:
+    """Return the positions of the corners of some polygons among those of all."""
+    counts = sizes[polygons]
+    return np.arange(counts.sum()) + np.repeat(ends[polygons] - np.cumsum(counts), counts)
+
+
+def _replace_fans(
+    slots: NDArray[np.int64],
+    polygons: NDArray[np.int64],
+    sizes: NDArray[np.integer],
+    vertex_ids: NDArray[np.integer],
+    vertices: NDArray[np.number],
+) -> None:
+    """Write ears over the fans of those polygons among the doubtful ones that their fans reach out of."""
+    # Corners relative to the first one of their polygon, and of a size near 1: areas have no overflow.
+    corners, counts = _list_corners(polygons, sizes, np.cumsum(sizes)), sizes[polygons]
+    begins = np.cumsum(counts) - counts
+    points = np.take(vertices, vertex_ids[corners], axis=0, mode="clip").astype(np.float64)
+    points -= np.repeat(points[begins], counts, axis=0)
+    exponents = np.frexp(np.maximum.reduceat(np.abs(points).max(axis=1), begins))[1]
+    points = np.ldexp(points, -np.repeat(exponents, counts)[:, None])
+    # The polygon in the plane of the two axes that it faces least, counterclockwise: no coordinate is rounded.
+    normals = np.add.reduceat(_cross(points.T, np.roll(points.T, -1, axis=1)), begins, axis=1)
+    axis = np.abs(normals).argmax(axis=0)
+    area = normals[axis, np.arange(len(axis))]
+    axes = np.repeat(np.where(area > 0, [axis + 1, axis + 2], [axis + 2, axis + 1]) % 3, counts, axis=1)
+    plane = np.take_along_axis(points, axes.T, axis=1)
+    fan = _turn(plane, np.roll(plane, -1, axis=0))
+    is_concave = np.minimum.reduceat(fan, begins) < -_ROUNDING * np.abs(area)
+    inside = np.repeat(is_concave, counts)
+    if inside.any():
+        ears = _cut_ears(plane[inside], np.repeat(np.arange(len(counts)), counts)[inside])
+        is_replaced = np.zeros(len(sizes), np.bool_)
+        is_replaced[polygons[is_concave]] = True
+        slots[np.repeat(is_replaced, count_triangles(sizes))] = corners[inside][ears]
+
+
+def _turn(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the cross products of vectors in the plane, (..., 2): positive where the second is left of the first."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _cut_ears(points: NDArray[np.float64], polygons: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Cut off corners that hold no other one until nothing is left, of all polygons in turn.
+
+    Parameters
+    ----------
+    points : (n, 2) float64
+        Corners, counterclockwise.
+    polygons : (n,) int
+        The polygon of each, in ascending order.
+
+    Returns
+    -------
+    (t, 3) int
+        Positions of corners: two triangles fewer than a polygon has corners, in the order of the polygons.
+    """
+    keys = _find_keys(points, polygons)
+    ranks, areas = np.zeros(len(points), np.int64), np.zeros(len(points))
+    is_stale = np.ones(len(points), np.bool_)
+    corners, cut = np.arange(len(points)), []
+    while len(corners):
+        # The corners that are left, with their neighbours.
+        at = np.arange(len(corners))
+        begins = np.flatnonzero(np.diff(polygons[corners], prepend=-1))
+        ends = np.append(begins[1:], len(corners))
+        before, after = at - 1, at + 1
+        before[begins], after[ends - 1] = ends - 1, begins
+        triangles = np.column_stack((corners[before], corners, corners[after]))
+
+        # Only neighbours of what was cut have become better or worse.
+        changed = triangles[is_stale[corners]]
+        a, b, c = (points[changed[:, side]] for side in range(3))
+        areas[changed[:, 1]] = area = _turn(b - a, c - b)
+        ranks[changed[:, 1]] = np.where(area > 0, _EAR, np.where(area < 0, _REFLEX, _FLAT))
+        others = corners[areas[corners] <= 0]
+        convex = changed[area > 0]
+        ranks[convex[:, 1]] = _rank_ears(convex, others[np.argsort(keys[others])], points, keys)
+        is_stale[changed[:, 1]] = False
+
+        # Of ears side by side every second one is cut, since each takes a corner of the next; else one of the best.
+        rank, counts = ranks[corners], ends - begins
+        best = np.minimum.reduceat(rank, begins)
+        is_best = rank == np.repeat(best, counts)
+        follows = is_best & np.append(False, is_best[:-1])
+        follows[begins] = False
+        is_cut = is_best & ((at - np.maximum.accumulate(np.where(follows, 0, at))) % 2 == 0)
+        is_cut[ends - 1] &= ~is_cut[begins]
+        first = np.minimum.reduceat(np.where(is_best, at, len(at)), begins)
+        is_cut &= np.repeat(best == _EAR, counts) | (at == np.repeat(first, counts))
+        cut.append(triangles[is_cut])
+        is_stale[cut[-1][:, ::2]] = True
+
+        left = counts - np.add.reduceat(is_cut, begins, dtype=np.int64)
+        corners = corners[~is_cut][np.repeat(left > 2, left)]
+    every = np.concatenate(cut)
+    return every[np.argsort(polygons[every[:, 0]], kind="stable")]
+
+
+def _find_keys(points: NDArray[np.float64], polygons: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return numbers that grow with the polygon, and in it along the axis that its edges are short on."""
+    begins = np.flatnonzero(np.diff(polygons, prepend=-1))
+    counts = np.diff(np.append(begins, len(points)))
+    lower, upper = (end.reduceat(points, begins) for end in (np.minimum, np.maximum))
+    lengths = np.add.reduceat(np.abs(points - np.roll(points, -1, axis=0)), begins)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        axis = np.repeat((lengths / (upper - lower)).argmin(axis=1), counts)[:, None]
+        shares = (points - np.repeat(lower, counts, axis=0)) / np.repeat(upper - lower, counts, axis=0)
+    return 2.0 * polygons + np.take_along_axis(shares, axis, axis=1)[:, 0]
+
+
+def _rank_ears(
+    triangles: NDArray[np.int64], others: NDArray[np.int64], points: NDArray[np.float64], keys: NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """Return whether convex corners, (n, 3) with their neighbours, are ears: no other corner that is not convex is in.
+
+    Where the boundary reaches into a triangle, the corner at which it turns back is not convex. Corners at the same
+    point as one of the triangle's are none of these: there the boundary meets itself.
+    """
+    ranks = np.full(len(triangles), _EAR)
+    of_triangles, of_others = keys[triangles], keys[others]
+    begins = np.searchsorted(of_others, of_triangles.min(axis=1), "left")
+    counts = np.searchsorted(of_others, of_triangles.max(axis=1), "right") - begins
+    blocks = np.searchsorted(np.cumsum(counts), np.arange(_BLOCK_PAIRS, counts.sum(), _BLOCK_PAIRS))
+    for block in np.split(np.arange(len(triangles)), blocks):
+        rows = np.repeat(block, counts[block])
+        steps = np.arange(len(rows)) - np.repeat(np.cumsum(counts[block]) - counts[block], counts[block])
+        point = points[others[begins[rows] + steps]]
+        a, b, c = (points[triangles[rows, side]] for side in range(3))
+        least = np.minimum(_turn(b - a, point - a), np.minimum(_turn(c - b, point - b), _turn(a - c, point - c)))
+        is_other: Any = np.logical_and.reduce([(point != corner).any(axis=1) for corner in (a, b, c)])
+        ranks[rows[is_other & (least == 0)]] = _TOUCHED
+        # After the first, since a corner inside weighs more.
+        ranks[rows[least > 0]] = _BLOCKED
+    return ranks
