@@ -19,9 +19,9 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from platformdirs import user_config_dir
+from platformdirs import user_cache_dir, user_config_dir
 
-from ..support.folders import find_cache, is_writable, say_unusable
+from ..support.folders import find_cache, find_users_folder, is_writable, say_unusable
 
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 DRIVERS_VARIABLE = "CLBVH_DRIVERS"
@@ -50,7 +50,9 @@ class DriverFile:
 
 def find_registered_folder() -> Path:
     """Return the folder of the drivers that are registered for clbvh, or `CLBVH_DRIVERS`; it need not exist."""
-    return Path(os.environ.get(DRIVERS_VARIABLE) or Path(user_config_dir("clbvh", appauthor=False)) / "drivers")
+    if folder := os.environ.get(DRIVERS_VARIABLE):
+        return Path(folder)
+    return (find_users_folder(user_config_dir) or find_cache()) / "drivers"
 
 
 def find_bundled_folder() -> Path | None:
@@ -143,6 +145,9 @@ def prepare_pocl_folder() -> None:
     """
     if os.environ.get(POCL_VARIABLE) == "":
         del os.environ[POCL_VARIABLE]  # PoCL would take it for a name
+    if find_users_folder(user_cache_dir) is None:
+        # PyOpenCL keeps launchers of kernels there, too, and fails without.
+        os.environ["XDG_CACHE_HOME"] = str(find_cache())
     # A folder that the user has named is the user's business, also where it is wrong: `clbvh doctor` finds that.
     home = os.environ.get("XDG_CACHE_HOME") or (os.environ.get("HOME") and f"{os.environ['HOME']}/.cache")
     if os.environ.get(POCL_VARIABLE) or (home and is_writable(Path(home) / "pocl")):

@@ -7,6 +7,8 @@ kernel sources and scenes inside the package; a source checkout and an editable 
 from __future__ import annotations
 
 import os
+import tempfile
+from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -18,11 +20,38 @@ from .say_once import say_once
 CACHE_VARIABLE = "CLBVH_CACHE"
 
 
+_temporary: list[tempfile.TemporaryDirectory[str]] = []  # one item at most, which is removed when this process ends
+
+
 def find_cache() -> Path:
-    """Return `CLBVH_CACHE`, or the system's folder for caches; it need not exist yet."""
+    """Return `CLBVH_CACHE`, or the system's folder for caches; it need not exist yet.
+
+    For a user without a home, which is said once, it is a temporary folder, and `CLBVH_CACHE` from then on.
+    """
     if folder := os.environ.get(CACHE_VARIABLE):
         return Path(folder)
-    return Path(user_cache_dir("clbvh"))
+    if (users := find_users_folder(user_cache_dir)) is not None:
+        return users
+    say_once(
+        f"this user has no home folder, so compiled code is kept until the program ends: set {CACHE_VARIABLE} to a "
+        "folder that can be written to",
+        about="unusable cache",
+    )
+    try:
+        _temporary.append(tempfile.TemporaryDirectory(prefix="clbvh-"))
+    except OSError:
+        return Path(os.devnull) / "clbvh"  # where nothing can be written, which callers notice
+    os.environ[CACHE_VARIABLE] = _temporary[0].name
+    return Path(_temporary[0].name)
+
+
+def find_users_folder(find: Callable[..., str]) -> Path | None:
+    """Return a folder of the user's by a function of platformdirs; None for a user without a home, as in containers."""
+    try:
+        folder = Path(find("clbvh", appauthor=False))
+    except RuntimeError:
+        return None
+    return folder if folder.is_absolute() else None  # platformdirs 4.3 and older return a `~`
 
 
 def is_writable(folder: Path) -> bool:

@@ -28,7 +28,7 @@ _TYPES = {
 }
 _EMPTY_LINES = re.compile(rb"\n\s*\n")
 _COMMENT = re.compile(rb"(?:^[ \t]*(?:comment|obj_info)\b|#)[^\n]*", re.MULTILINE)
-_WHOLE = re.compile(rb"[-+]?[0-9]+")
+_WHOLE_END = 2.0**63
 _NUMBER = re.compile(rb"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|[-+]?(?:inf|infinity|nan)", re.IGNORECASE)
 # numpy takes a bare sign with the number behind the next blank. Two patterns are ten times as fast as one of both.
 _BARE_SIGNS = re.compile(rb"-(?![0-9.iInN])"), re.compile(rb"\+(?![0-9.iInN])")
@@ -147,10 +147,7 @@ def _read_text_rows(data: bytes, begin: int, element: Element, problems: Problem
             raise MeshError(f"the lines of '{element.name}' have a '{word[0].decode()}' that is no number")
     is_whole = all(prop.dtype.kind != "f" for prop in element.properties)
     dtype = np.dtype(np.int64 if is_whole else np.float64)
-    try:
-        numbers = np.fromstring(data[begin:end], dtype, sep=" ")
-    except (ValueError, DeprecationWarning):  # a word that is no number; else numpy ends there
-        numbers = np.empty(0, dtype)
+    numbers = _read_numbers(data[begin:end], dtype)
     properties = [Property(prop.name, dtype, prop.length_dtype and dtype) for prop in element.properties]
     numeric = element._replace(properties=properties)
     columns: Columns = {}
@@ -158,49 +155,59 @@ def _read_text_rows(data: bytes, begin: int, element: Element, problems: Problem
     with suppress(MeshError):
         columns, row_end = _read_rows(numbers.tobytes(), 0, numeric)
     if row_end != numbers.nbytes:
-        numbers = _drop_surplus(data[begin:end], numbers, numeric, problems)
-        columns, _ = _read_rows(numbers.tobytes(), 0, numeric)
+        rows = _drop_surplus(data[begin:end], numeric, problems)
+        columns, _ = _read_rows(rows.astype(dtype).tobytes(), 0, numeric)
     return {prop.name: columns[prop.name]._replace(dtype=prop.dtype) for prop in element.properties}, end
 
 
-def _drop_surplus(lines: bytes, numbers: NDArray[Any], element: Element, problems: Problems) -> NDArray[Any]:
+def _read_numbers(lines: bytes, dtype: np.dtype) -> NDArray[Any]:
+    """Return the numbers of a text; not all of them, or none, where a word is no number of that type."""
+    try:
+        return np.fromstring(lines, dtype, sep=" ")
+    except (ValueError, DeprecationWarning):
+        return np.empty(0, dtype)
+
+
+def _drop_surplus(lines: bytes, element: Element, problems: Problems) -> NDArray[np.float64]:
     """Return the numbers of an element's lines without those behind the last one that the header declares for a line.
 
     Raises
     ------
     MeshError
-        A word is no number, or a line has too few.
+        A word is no number, or not a whole one where that is declared, or a line has too few.
     """
     is_word = np.frombuffer(b"\n" + lines, np.uint8) > ord(" ")
     is_begin = is_word[1:] & ~is_word[:-1]
     line_begins = np.append(0, np.flatnonzero(np.frombuffer(lines, np.uint8) == ord("\n"))[:-1] + 1)
     widths = np.add.reduceat(is_begin, line_begins, dtype=np.int64)
+    numbers = _read_numbers(lines, np.dtype(np.float64))
     if len(numbers) != widths.sum():
-        kind = _WHOLE if numbers.dtype.kind == "i" else _NUMBER
-        wrong = next((word for word in lines.split() if not kind.fullmatch(word)), b"")
-        raise MeshError(
-            f"the lines of '{element.name}' have '{wrong.decode('latin-1')[:40]}' where a number is declared"
-        )
+        wrong = next((word for word in lines.split() if not _NUMBER.fullmatch(word)), b"").decode("latin-1")
+        raise MeshError(f"the lines of '{element.name}' have '{wrong[:40]}' where a number is declared")
     begins = np.cumsum(widths) - widths
     declared = np.zeros(len(widths))
     for prop in element.properties:
         if prop.length_dtype is not None and (declared < widths).all():
             lengths = numbers[begins + declared.astype(np.int64)]
-            if len(wrong := np.flatnonzero(~(lengths >= 0) | (lengths % 1 != 0))):
-                raise _wrong_length(element, wrong[0], lengths[wrong[0]])
+            if len(wrong_rows := np.flatnonzero(~(lengths >= 0) | (lengths != np.floor(lengths)))):
+                raise _wrong_length(element, wrong_rows[0], lengths[wrong_rows[0]])
             declared += lengths
         declared += 1
     if len(short := np.flatnonzero(declared > widths)):
-        raise MeshError(
-            f"row {short[0]} of '{element.name}' has {widths[short[0]]} numbers instead of {declared[short[0]]:.0f}"
-        )
-    surplus = np.count_nonzero(declared < widths)
-    problems.add(f"{surplus:,} rows of '{element.name}' have more numbers than are declared, which are left out")
-    return numbers[np.arange(len(numbers)) - np.repeat(begins, widths) < np.repeat(declared, widths)]
+        row = short[0]
+        raise MeshError(f"row {row} of '{element.name}' has {widths[row]} numbers instead of {declared[row]:.0f}")
+    rows = numbers[np.arange(len(numbers)) - np.repeat(begins, widths) < np.repeat(declared, widths)]
+    is_whole = (np.floor(rows) == rows) & (np.abs(rows) < _WHOLE_END)
+    if element.properties[0].dtype.kind == "i" and not is_whole.all():
+        number = rows[is_whole.argmin()]
+        raise MeshError(f"the lines of '{element.name}' have '{number:g}' where a whole number is declared")
+    if surplus := np.count_nonzero(declared < widths):
+        problems.add(f"{surplus:,} rows of '{element.name}' have more numbers than are declared, which are left out")
+    return rows
 
 
 def _wrong_length(element: Element, row: int, length: Any) -> MeshError:
-    return MeshError(f"row {row} of '{element.name}' declares a list of {length} items")
+    return MeshError(f"row {row} of '{element.name}' declares a list of {length:.15g} items")
 
 
 def _find_line_end(data: bytes, begin: int, line_count: int) -> int:

@@ -22,9 +22,10 @@ _BLOCK_PAIRS = 1 << 20
 # Of a polygon's area: a triangle that faces away by less is flat but for rounding.
 _ROUNDING = 1e-12
 
-# How good it is to cut off a corner, best first. Ears that others touch keep a corner on the new edge; flat corners are
-# degenerate triangles; the last two are for polygons that cross themselves.
-_EAR, _TOUCHED, _FLAT, _BLOCKED, _REFLEX = range(5)
+# How good it is to cut off a corner, best first. Spikes, where an edge turns back or has no length, and flat corners
+# make degenerate triangles; spikes that stay let corners look convex that are not. An ear that another corner touches
+# leaves that one on an edge. The last two are for polygons that cross themselves.
+_SPIKE, _EAR, _TOUCHED, _FLAT, _BLOCKED, _REFLEX = range(6)
 
 
 def count_triangles(sizes: NDArray[np.integer]) -> NDArray[np.integer]:
@@ -233,13 +234,14 @@ def _cut_ears(points: NDArray[np.float64], polygons: NDArray[np.int64]) -> NDArr
         changed = triangles[is_stale[corners]]
         a, b, c = (points[changed[:, side]] for side in range(3))
         areas[changed[:, 1]] = area = _turn(b - a, c - b)
-        ranks[changed[:, 1]] = np.where(area > 0, _EAR, np.where(area < 0, _REFLEX, _FLAT))
+        turns_back = ((b - a) * (c - b)).sum(axis=1) <= 0
+        ranks[changed[:, 1]] = np.where(area != 0, _REFLEX, np.where(turns_back, _SPIKE, _FLAT))
         others = corners[areas[corners] <= 0]
         convex = changed[area > 0]
         ranks[convex[:, 1]] = _rank_ears(convex, others[np.argsort(keys[others])], points, keys)
         is_stale[changed[:, 1]] = False
 
-        # Of ears side by side every second one is cut, since each takes a corner of the next; else one of the best.
+        # Of ears side by side every second one is cut, since each takes a corner of the next; without any, one corner.
         rank, counts = ranks[corners], ends - begins
         best = np.minimum.reduceat(rank, begins)
         is_best = rank == np.repeat(best, counts)
@@ -248,7 +250,7 @@ def _cut_ears(points: NDArray[np.float64], polygons: NDArray[np.int64]) -> NDArr
         is_cut = is_best & ((at - np.maximum.accumulate(np.where(follows, 0, at))) % 2 == 0)
         is_cut[ends - 1] &= ~is_cut[begins]
         first = np.minimum.reduceat(np.where(is_best, at, len(at)), begins)
-        is_cut &= np.repeat(best == _EAR, counts) | (at == np.repeat(first, counts))
+        is_cut &= np.repeat(best <= _EAR, counts) | (at == np.repeat(first, counts))
         cut.append(triangles[is_cut])
         is_stale[cut[-1][:, ::2]] = True
 

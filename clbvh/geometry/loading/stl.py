@@ -44,9 +44,7 @@ def read_stl(data: bytes, _: Path, problems: Problems) -> FileMesh:
         from trimesh.exchange.stl import load_stl_binary  # takes 0.3 s
 
         if len(data) > end:
-            problems.add(
-                f"{len(data) - end:,} bytes behind the last triangle that the header declares are left out"
-            )
+            problems.add(f"{len(data) - end:,} bytes behind the last triangle that the header declares are left out")
         loaded = load_stl_binary(io.BytesIO(data[:end]))
         corners = loaded.get("vertices", np.empty((0, 3), np.float32))
         with problems.drop("the colours"):
