@@ -44,7 +44,7 @@ def _make_obj() -> list[bytes]:
     parts = "o one\nv 0 0 0 1 0.5 0.5\nv 1 0 0\nv 0 1 0 1\nusemtl red\nf -3 -2 \\\n -1\n"
     parts += "o two\nv 0 0 1\nf -1//1 1//1 2//2\nl 1 2\n"
     texts = vertices + faces, "# by hand\nmtllib a.mtl\nvn 0 0 1\nvt 0 0\n" + vertices + polygons, parts
-    return [text.encode() for text in texts]
+    return [*[text.encode() for text in texts], texts[1].encode("utf-16")]
 
 
 def _make_stl() -> list[bytes]:
@@ -54,7 +54,7 @@ def _make_stl() -> list[bytes]:
         return f"solid {name}\n{''.join(map(facet, triangles))}endsolid {name}\n".encode()
 
     texts = write("ball", corners), write("a", corners[:2]) + write("b vertex", corners[2:4])
-    return [make_stl(7, b"solid but binary", corners), *texts]
+    return [make_stl(7, b"solid but binary", corners), make_stl(0, b"", corners) + b"by hand", *texts]
 
 
 def _make_off() -> list[bytes]:
@@ -64,6 +64,7 @@ def _make_off() -> list[bytes]:
     return [
         f"OFF\n12 20 0\n{_POINTS}{_COUNTED[0]}".encode(),
         "# by hand\nCOFF 12 4 0\n{}\n{}".format(*coloured).encode(),
+        f"off12 4\n0\n{_POINTS}{_COUNTED[1]}".encode(),
     ]
 
 

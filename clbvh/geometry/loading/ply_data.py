@@ -80,8 +80,9 @@ def read_columns(data: bytes, problems: Problems) -> tuple[bytes, dict[str, Colu
         data, begin = _EMPTY_LINES.sub(b"\n", lines).strip() + b"\n", 0
     columns: dict[str, Columns] = {}
     for element in elements:
-        for repeated in [one.name for one in (element, *element.properties) if _AGAIN in one.name]:
-            problems.add(f"'{repeated.split(_AGAIN)[0]}' is declared twice, and the first one is read")
+        for name in (element.name, *[prop.name for prop in element.properties]):
+            if _AGAIN in name:
+                problems.add(f"'{name.split(_AGAIN)[0]}' is declared twice, and the first one is read")
         if not (element.row_count and element.properties):
             continue
         if is_text:

@@ -82,6 +82,7 @@ def make_star(corners, seed):
 def test_many_polygons_of_any_size_are_cut_in_their_order(pairs, monkeypatch):
     monkeypatch.setattr(polygons, "_BLOCK_PAIRS", pairs)
     monkeypatch.setattr(polygons, "_BLOCK_CORNERS", 50)
+    monkeypatch.setattr(polygons, "_BLOCK_QUADS", 1)
     shapes = [make_star(corners, corners) for corners in (5, 3, 100, 4, 12, 6, 1000, 3, 30)]
     shapes.insert(4, np.array([[0, 0, 0], [1, 0, 0.0]]))
     triangles = cut(*shapes)
@@ -143,4 +144,4 @@ def test_rays_pass_the_gap_of_a_face_of_every_format(tmp_path):
     for mesh in meshes:
         with clbvh.Tracer(mesh) as tracer:
             origins = [(*place, 1) for place in (*inside, (1.1, 1.1), (3, 2), (2, 3))]
-            assert tracer.count_hits(origins, [[0, 0, -1]]).tolist() == [1, 1, 1, 1, 0, 0, 0]
+            assert tracer.any_hit(origins, [[0, 0, -1]]).tolist() == [True] * 4 + [False] * 3
