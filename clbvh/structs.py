@@ -441,6 +441,8 @@ TEXTURE = np.dtype(
         # One of TEXTURE_WRAPS, along u and along v.
         ("wrap", "i4", 2),
         ("is_srgb", "i4"),
+        # Whether texels are squares, and not interpolated.
+        ("is_nearest", "i4"),
     ]
 )
 

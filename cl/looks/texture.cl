@@ -1,4 +1,4 @@
-// Textures: rows of 8-bit texels from the top, read with bilinear interpolation.
+// Textures: rows of 8-bit texels from the top, read with bilinear interpolation, or as squares.
 
 #include "structs.cl"
 #include "math/numeric.cl"
@@ -48,9 +48,15 @@ INLINED float4 sample_texture(const texture_tables_t *tables, const int texture_
     const global texture_t *texture = tables->textures + texture_id;
     const int width = texture->width;
     const int height = texture->height;
+    // Of squares, the texel at uv has all the weight; the others are read for nothing, which takes no branch.
+    const float centre = texture->is_nearest ? 0.0f : 0.5f;
     float right, down;
-    const int column = split_position(uv.x * width - 0.5f, &right);
-    const int row = split_position((1.0f - uv.y) * height - 0.5f, &down);
+    const int column = split_position(uv.x * width - centre, &right);
+    const int row = split_position((1.0f - uv.y) * height - centre, &down);
+    if (texture->is_nearest) {
+        right = 0.0f;
+        down = 0.0f;
+    }
     float4 sum = (float4)(0.0f);
     for (int corner = 0; corner < 4; corner++) {
         const int x = wrap_index(column + (corner & 1), width, texture->wrap[0]);

@@ -406,6 +406,7 @@ class TextureTables:
             row["first_texel"], row["is_srgb"] = first, texture.is_srgb
             row["height"], row["width"] = texture.pixels.shape[:2]
             row["wrap"] = [TEXTURE_WRAPS[wrap] for wrap in texture.wrap]
+            row["is_nearest"] = texture.filter == "nearest"
             first += count
         texels = [np.ascontiguousarray(texture.pixels).view("<u4").reshape(-1) for texture in textures]
         decoded = srgb_to_linear(np.arange(256) / 255).astype(np.float32)

@@ -88,6 +88,7 @@ class _Texture(Struct, forbid_unknown_fields=True):
     name: str
     is_srgb: bool
     wrap: tuple[str, str]
+    filter: str = "linear"
 
 
 _Material = material_table(Annotated[int, Meta(ge=0)])
@@ -143,7 +144,7 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
     text = _Text(
         FORMAT_VERSION,
         geometries,
-        [_Texture(str(each.name), each.is_srgb, each.wrap) for each in textures],
+        [_Texture(str(each.name), each.is_srgb, each.wrap, each.filter) for each in textures],
         [_describe(material, numbers) for material in state.materials],
         list(state.instance_names),
         {name: value for name, value in settings.items() if not isinstance(value, np.ndarray)},
@@ -197,7 +198,7 @@ def _read(arrays: dict[str, NDArray[Any]]) -> tuple[SceneState, dict[str, Any]]:
     text = msgspec.convert(values, _Text)
     # An array is dropped once it is used, so that a large scene does not need memory for both.
     textures = [
-        Texture(each.name, arrays.pop(f"texture_{number}"), each.is_srgb, each.wrap)
+        Texture(each.name, arrays.pop(f"texture_{number}"), each.is_srgb, each.wrap, each.filter)
         for number, each in enumerate(text.textures)
     ]
 

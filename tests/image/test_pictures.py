@@ -217,6 +217,26 @@ def test_colours_are_stored_as_they_were_given():
     assert (rgb[[5, 5, 15, 15], [5, 15, 5, 15]] == corners.reshape(4, 3)).all()
 
 
+@pytest.mark.parametrize("shading", ["studio", "path", "albedo"])
+def test_texels_that_are_squares_look_like_squares(shading):
+    rng = np.random.default_rng(0)
+    few = rng.integers(256, size=(4, 4, 3), dtype=np.uint8)
+    films = []
+    # Of many texels those between two colours cover next to nothing.
+    for pixels, filtered in (
+        (few, "nearest"),
+        (few.repeat(512, axis=0).repeat(512, axis=1), "linear"),
+        (few, "linear"),
+    ):
+        texture = clbvh.Texture("few", pixels, filter=filtered)
+        names = ("base_colour", "metallic_roughness", "emission", "normal")
+        material = Material(emission=(0.1,) * 3, **dict.fromkeys((f"{name}_texture" for name in names), texture))
+        square = make_square(uvs=UVS, materials=[material])
+        films.append(show(square, samples=4, shading=shading).film[1:-1, 1:-1, :3])
+    np.testing.assert_allclose(films[0], films[1], rtol=0.02, atol=0.01)
+    assert np.abs(films[0] - films[2]).mean() > 0.02
+
+
 def test_transparent_pictures_have_bright_edges_and_black_shadows():
     square = make_square(materials=[Material(emission=(1, 1, 1))])
     view = {"eye": (0, 0, 6), "look_at": (0.013, 0.02, 0), "up": (0.2, 1, 0), "width": 40, "height": 40}

@@ -173,10 +173,10 @@ AROUND = {
 }
 
 
-def read(call, pixels, uvs, wrap):
+def read(call, pixels, uvs, wrap, **options):
     """Colours of a texture, (n, 4)."""
     tables = TextureTables()
-    number = tables.number(clbvh.Texture("row", pixels, is_srgb=False, wrap=(wrap, wrap)))
+    number = tables.number(clbvh.Texture("row", pixels, is_srgb=False, wrap=(wrap, wrap), **options))
     body = f"""
         const texture_tables_t tables = {{textures, texels, decoded_srgb}};
         colour = sample_texture(&tables, {number}, uv);
@@ -197,3 +197,9 @@ def test_textures_go_on_beyond_their_edges(call, wrap):
     # Row 0 is the top.
     colours = read(call, row.transpose(1, 0, 2)[::-1], np.stack((across, along), axis=1), wrap)
     np.testing.assert_allclose(colours[:, 0], expected, rtol=0, atol=1e-6)
+    # Texels that are squares, up to next to their edges.
+    places = (np.arange(-4, 8)[:, None] + [0.001, 0.5, 0.999]).ravel()
+    expected, along, across = np.repeat(AROUND[wrap], 3), places / len(ROW), np.full(len(places), 0.3)
+    for pixels, uvs in ((row, (along, across)), (row.transpose(1, 0, 2)[::-1], (across, along))):
+        colours = read(call, pixels, np.stack(uvs, axis=1), wrap, filter="nearest")
+        np.testing.assert_array_equal(np.rint(colours[:, 0] * 255), expected)

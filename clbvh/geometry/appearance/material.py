@@ -18,6 +18,7 @@ from ...errors import MeshError
 from ..arrays import as_array
 
 WRAPS = ("repeat", "clamp", "mirror")
+FILTERS = ("linear", "nearest")
 OPAQUE = 255
 
 # Sides of a picture that devices can address, and that decoders can make of a few bytes of a forged file.
@@ -40,6 +41,8 @@ class Texture:
         Whether the colours are sRGB, as those of photographs; otherwise they are linear numbers. Alpha is linear.
     wrap : pair of str, or str
         What lies beyond the edges, in u and v: ``repeat``, ``clamp`` (the pixels at the edge) or ``mirror``.
+    filter : str
+        ``linear``: colours go over into each other between the centres of pixels; ``nearest``: pixels are squares.
 
     Attributes
     ----------
@@ -49,7 +52,7 @@ class Texture:
     Raises
     ------
     MeshError
-        Pixels of another shape or dtype, none, or more than 16,384 on a side; an unknown wrap.
+        Pixels of another shape or dtype, none, or more than 16,384 on a side; an unknown wrap or filter.
 
     Notes
     -----
@@ -70,6 +73,7 @@ class Texture:
     pixels: NDArray[np.uint8]
     is_srgb: bool = True
     wrap: tuple[str, str] = ("repeat", "repeat")
+    filter: str = "linear"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pixels", _check_pixels(self.pixels, self.name))
@@ -78,6 +82,8 @@ class Texture:
         if not isinstance(wrap, tuple | list) or len(wrap) != 2 or any(one not in WRAPS for one in wrap):
             raise MeshError(f"texture {self.name}: the wrap must be two of {', '.join(WRAPS)}, not {self.wrap!r}")
         object.__setattr__(self, "wrap", tuple(wrap))
+        if self.filter not in FILTERS:
+            raise MeshError(f"texture {self.name}: the filter must be {' or '.join(FILTERS)}, not {self.filter!r}")
 
     @property
     def width(self) -> int:

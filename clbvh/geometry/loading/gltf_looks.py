@@ -26,6 +26,7 @@ from .texture_files import decode_image, with_alpha
 
 _REPEAT = 10497
 _WRAPS = {_REPEAT: "repeat", 33071: "clamp", 33648: "mirror"}
+_NEAREST = 9728
 _TRANSFORM = "KHR_texture_transform"
 _DEFAULT_CUTOFF = 0.5
 _OPAQUE_MODE, _MASK_MODE, _BLEND_MODE = "OPAQUE", "MASK", "BLEND"
@@ -167,20 +168,21 @@ class GltfLooks:
             if not isinstance(info, dict):
                 raise MeshError("its place in the material is no object")
             table = self._gltf.item("textures", info.get("index"))
-            return self._once(GltfLooks._make_texture, _find_source(table), self._read_wrap(table), is_srgb, is_opaque)
+            sampler: dict[str, Any] = self._gltf.item("samplers", table["sampler"]) if "sampler" in table else {}
+            wrap_u, wrap_v = (_WRAPS.get(sampler.get(key, _REPEAT), "repeat") for key in ("wrapS", "wrapT"))
+            # `minFilter` is for textures that shrink: there the samples of a pixel are its filter.
+            sampling = (wrap_u, wrap_v), "nearest" if sampler.get("magFilter") == _NEAREST else "linear"
+            return self._once(GltfLooks._make_texture, _find_source(table), sampling, is_srgb, is_opaque)
         return None
 
-    def _make_texture(self, image: Any, wrap: tuple[str, str], is_srgb: bool, is_opaque: bool) -> Texture:
+    def _make_texture(
+        self, image: Any, sampling: tuple[tuple[str, str], str], is_srgb: bool, is_opaque: bool
+    ) -> Texture:
         table = self._gltf.item("images", image)
         uri = str(table.get("uri", ""))
         name = table.get("name") or (uri if uri and not uri.startswith("data:") else f"images[{image}]")
-        texture = Texture(str(name), self._once(GltfLooks._decode_image, image), is_srgb, wrap)
+        texture = Texture(str(name), self._once(GltfLooks._decode_image, image), is_srgb, *sampling)
         return with_alpha(texture, OPAQUE) if is_opaque else texture
-
-    def _read_wrap(self, texture: dict[str, Any]) -> tuple[str, str]:
-        sampler: dict[str, Any] = self._gltf.item("samplers", texture["sampler"]) if "sampler" in texture else {}
-        wrap_u, wrap_v = (sampler.get(key, _REPEAT) for key in ("wrapS", "wrapT"))
-        return _WRAPS.get(wrap_u, "repeat"), _WRAPS.get(wrap_v, "repeat")
 
     def _decode_image(self, image: Any) -> NDArray[np.uint8]:
         table = self._gltf.item("images", image)

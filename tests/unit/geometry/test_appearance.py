@@ -97,12 +97,13 @@ def test_wrong_looks_are_refused():
         ({"base_colour_texture": GREY}, "must be a clbvh.Texture, not a ndarray"),
     ):
         rows.append((lambda values=values: clbvh.Material(**values), message))
-    for pixels, wrap, message in (
-        (GREY.astype(float), "repeat", "must be uint8"),
-        (np.zeros((1, 16_385), np.uint8), "repeat", "make the picture smaller"),
-        (GREY, "tile", "two of repeat, clamp, mirror"),
+    for pixels, options, message in (
+        (GREY.astype(float), {}, "must be uint8"),
+        (np.zeros((1, 16_385), np.uint8), {}, "make the picture smaller"),
+        (GREY, {"wrap": "tile"}, "two of repeat, clamp, mirror"),
+        (GREY, {"filter": None}, "the filter must be linear or nearest, not None"),
     ):
-        rows.append((lambda pixels=pixels, wrap=wrap: clbvh.Texture("t", pixels, wrap=wrap), message))
+        rows.append((lambda pixels=pixels, options=options: clbvh.Texture("t", pixels, **options), message))
     for make, message in rows:
         with pytest.raises(MeshError, match=message):
             make()

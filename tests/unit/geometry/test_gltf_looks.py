@@ -127,6 +127,15 @@ def test_textures_from_everywhere(tmp_path, place):
     assert read.normal_scale == -2
 
 
+def test_the_filter_is_that_of_textures_that_grow(tmp_path):
+    samplers = [{"magFilter": 9728, "minFilter": 9987}, {"magFilter": 9729, "minFilter": 9728}, {"minFilter": 9728}]
+    textures = [*({"source": 0, "sampler": number} for number in range(3)), {"source": 0}]
+    pbr = {f"{name}Texture": {"index": number} for number, name in enumerate(("baseColor", "metallicRoughness"))}
+    material = {"pbrMetallicRoughness": pbr, "emissiveTexture": {"index": 2}, "normalTexture": {"index": 3}}
+    (read,) = looks_of(make(material, samplers=samplers, textures=textures), tmp_path).materials
+    assert [texture.filter for texture in read.textures] == ["nearest", "linear", "linear", "linear"]
+
+
 def test_coordinates_are_placed_by_the_transform_of_the_texture(tmp_path):
     attributes = {"TEXCOORD_1": (UVS, "f4")}
     alone = make({"normalTexture": {"index": 0, "texCoord": 1}}, attributes=attributes)

@@ -15,7 +15,7 @@ from clbvh import ConfigError, SceneError
 from .test_scene import same
 
 CHECKER = clbvh.Texture(
-    "checker", np.arange(24, dtype=np.uint8).reshape(3, 2, 4), is_srgb=False, wrap=("clamp", "mirror")
+    "checker", np.arange(24, dtype=np.uint8).reshape(3, 2, 4), is_srgb=False, wrap=("clamp", "mirror"), filter="nearest"
 )
 PLAIN = clbvh.Texture("plain", np.full((1, 5), 7, np.uint8))
 TILES = clbvh.Material("tiles", (0.1, 0.2, 0.3), alpha_cutoff=0.5, roughness=0, base_colour_texture=CHECKER)
@@ -105,7 +105,8 @@ def test_looks_come_back_and_share_their_textures(path):
     checker, plain = tiles.base_colour_texture, lamp.metallic_roughness_texture
     for texture, expected in ((checker, CHECKER), (plain, PLAIN)):
         np.testing.assert_array_equal(texture.pixels, expected.pixels)
-        assert (texture.name, texture.is_srgb, texture.wrap) == (expected.name, expected.is_srgb, expected.wrap)
+        for name in ("name", "is_srgb", "wrap", "filter"):
+            assert getattr(texture, name) == getattr(expected, name)
     assert tiles == dataclasses.replace(TILES, base_colour_texture=checker)
     assert lamp == dataclasses.replace(LAMP, emission_texture=checker, metallic_roughness_texture=plain)
     assert dots.appearance.materials == (lamp,)
@@ -192,6 +193,7 @@ def test_a_forged_text_is_refused_by_its_fault(path):
         (["geometries", 0, "materials", 0, "ior"], 0.5, "ior must be a number from 1 to 100"),
         (["geometries", 0, "materials", 0, "base_colour_texture"], -1, "Expected `int` >= 0"),
         (["textures", 0, "wrap"], ["spiral", "clamp"], "two of repeat"),
+        (["textures", 0, "filter"], "cubic", "linear or nearest"),
         (["materials"], [], "instance 2 has 0 among its material_ids, of 0"),
         (["instance_names"], [], "does not fit 0 instances"),
     ):
