@@ -25,7 +25,7 @@ from .file_mesh import (
     spread_normals,
     spread_uvs,
 )
-from .mtl import read_materials
+from .mtl import PLAIN, MtlMaterial, read_materials
 from .polygons import count_triangles, cut_polygons, report_edges
 from .texture_files import TextureFiles
 
@@ -79,9 +79,14 @@ def read_obj(data: bytes, file: Path, problems: Problems) -> FileMesh:
     materials: list[Material] = []
     if statements[b"usemtl"][0]:
         with problems.drop("the materials"):
-            materials, ids = _read_materials(statements, file.parent, problems)
+            materials, placements, ids = _read_materials(statements, file.parent, problems)
+            ids = np.repeat(ids, triangle_counts)
             if len(materials) > 1:
-                looks["material_ids"] = np.repeat(ids, triangle_counts)
+                looks["material_ids"] = ids
+            if "uvs" in looks and (placements != PLAIN).any():
+                with np.errstate(over="ignore", invalid="ignore"):
+                    placed = looks["uvs"] * placements[ids, None, :2] + placements[ids, None, 2:]
+                looks["uvs"] = np.nan_to_num(placed)
     flat = None
     words, above = statements[b"s"]
     is_flat = np.array([False, *[word.lower() in _NOT_SMOOTH for word in words]])
@@ -232,22 +237,23 @@ def _read_rows(lines: bytes, least: int) -> NDArray[np.float64] | None:
 
 def _read_materials(
     statements: _Statements, folder: Path, problems: Problems
-) -> tuple[list[Material], NDArray[np.int32]]:
-    """Return the materials that faces use, and the one of each polygon."""
+) -> tuple[list[Material], NDArray[np.float32], NDArray[np.int32]]:
+    """Return the materials that faces use, how their textures lie (n, 4), and the material of each polygon."""
     textures = TextureFiles(folder, problems)
-    known: dict[bytes, Material] = {}
+    known: dict[bytes, MtlMaterial] = {}
     for words in statements[b"mtllib"][0]:
         known = read_materials(words, folder, textures, problems) | known
     used, above = statements[b"usemtl"]
     numbers: dict[bytes, int] = {}
     ids = [numbers.setdefault(name, len(numbers)) for name in used]
     if known.keys().isdisjoint(numbers):
-        return [], np.zeros(0, np.int32)
+        return [], np.array([PLAIN], np.float32), np.zeros(len(above), np.int32)
     if missing := [name.decode("utf-8", "replace")[:40] for name in numbers if name not in known]:
         names = ", ".join(f"'{name}'" for name in missing[:3])
         problems.add(f"the materials {names}{', ...' if len(missing) > 3 else ''} are missing from the .mtl files")
-    materials = [known.get(name) or Material(name.decode("utf-8", "replace")) for name in numbers]
+    found = [known.get(name) or MtlMaterial(Material(name.decode("utf-8", "replace")), PLAIN) for name in numbers]
     if (above == 0).any():
         # Faces above the first statement have no material of the file.
-        materials.append(Material())
-    return materials, np.array([len(numbers), *ids], np.int32)[above]
+        found.append(MtlMaterial(Material(), PLAIN))
+    placements = np.array([each.placement for each in found], np.float32)
+    return [each.material for each in found], placements, np.array([len(numbers), *ids], np.int32)[above]

@@ -165,7 +165,29 @@ def test_textures_of_colour_alpha_light_and_normals(load, tmp_path):
     assert three.is_opaque
 
 
-def test_what_cannot_be_used_is_one_warning(load):
+def test_options_of_textures_place_and_clamp_them(load, tmp_path):
+    for name in ("a.png", "2 wood.png", "e dark wood.png"):
+        Image.fromarray(np.full((1, 1, 3), len(name), np.uint8)).save(tmp_path / name)
+    text = "mtllib a.mtl\n" + SQUARE + UVS + "f 1/1 2/2 3/3\nusemtl a\nf 1/1 2/2 3/3 4/4\nusemtl b\nf 1/1 2/2 3/3\n"
+    for statement, scale, offset, wrap, name in (
+        ("map_Kd -s 2 3 1 -o 0.5 0 a.png", (2, 3), (0.5, 0), "repeat", "a.png"),
+        ("map_Ke -o -.5 1e-1 0 -clamp on -s 2. a.png", (2, 1), (-0.5, 0.1), "clamp", "a.png"),
+        ("map_Kd\t-clamp  off\t-O\t+4   -bm 1.0 2 wood.png", (1, 1), (4, 0), "repeat", "2 wood.png"),
+        ("map_d -s 1 1 1 e dark wood.png", (1, 1), (0, 0), "repeat", "e dark wood.png"),
+        ("norm -bm 0.25 -s 1 2 3 2 wood.png", (1, 2), (0, 0), "repeat", "2 wood.png"),
+        ("map_Kd -mm 0 1 -blendu on -boost 0.000 -t 0 0 0 -imfchan l a.png", (1, 1), (0, 0), "repeat", "a.png"),
+    ):
+        looks = load(text, f"newmtl a\n{statement}\nnewmtl b\nKd 1 1 1\n").appearance
+        placed = PAIRS * scale + offset
+        expected = [PAIRS[[0, 1, 2]], placed[[0, 1, 2]], placed[[0, 2, 3]], PAIRS[[0, 1, 2]]]
+        np.testing.assert_allclose(looks.uvs, expected, atol=1e-6)
+        (texture,) = looks.materials[0].textures
+        assert (texture.name, texture.wrap) == (name, (wrap, wrap))
+        assert looks.materials[0].normal_scale == (0.25 if "norm" in statement else 1)
+
+
+def test_what_cannot_be_used_is_one_warning(load, tmp_path):
+    Image.fromarray(np.zeros((1, 1, 3), np.uint8)).save(tmp_path / "x.png")
     use = "mtllib a.mtl\nusemtl a\n"
     many = "mtllib a.mtl\nvn 0 0 x\n" + "".join(f"usemtl {i}\nf 1//1 2//1 3//1\n" for i in range(6))
     for text, mtl, message in (
@@ -175,6 +197,10 @@ def test_what_cannot_be_used_is_one_warning(load):
         (use, "newmtl a\nKd 1 2\nKe x\n", "material 'a' cannot be used"),
         (use, "newmtl a\nmap_Kd lost.png\nmap_Ke lost.png\n", "texture .*lost.png is missing"),
         (use, "newmtl a\nmap_Bump -bm 0.3 x.png\nnewmtl b\nbump x.png\n", r"heights of map_Bump in .*a\.mtl are not"),
+        (use, "newmtl a\nmap_Kd -mm 0.1 0.9 x.png\n", r"^[^;]*the option -mm of map_kd in .*a\.mtl is not used$"),
+        (use, "newmtl a\nmap_d -bm 2 -blendu off -s 2 x.png\n", r"-bm of map_d .*; the option -blendu of map_d "),
+        (use, "newmtl a\nmap_Kd -s 2 x.png\nmap_Ke x.png\n", "the textures of 'a' lie differently: all are placed as"),
+        (use, "newmtl a\nmap_Kd -s 1e999 x.png\n", "material 'a' cannot be used: an option of map_kd is more than"),
         ("vt 0 0\nvt 1 1\nvt nan 0\nf 1/1 2/2 3/3\n", "", "texture coordinates .*cannot be used"),
         ("vn 0 0 1\nf 1//1 2//1 3//2\n", "", "normals cannot be used: a corner refers to one that is not among the 1"),
         ("vn 0 0 1\nf 1//1 2//1 3//-2\n", "", "normals cannot be used: a corner refers to one that is not among the 1"),
