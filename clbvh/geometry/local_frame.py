@@ -1,7 +1,7 @@
 """The map to local coordinates: the centre of a box moves to zero, and a power of two scales its size to about 1.
 
-Owns the choice of origin and scale, the fast passes over many points, and the matrices of rotations. Must not know what
-the points belong to.
+Owns the choice of origin and scale, the fast passes over many points, the matrices of rotations, and the limit at which
+a matrix counts as singular. Must not know what the points belong to.
 """
 
 from __future__ import annotations
@@ -131,3 +131,28 @@ def rotation_matrix(x: Any, y: Any, z: Any, w: Any) -> NDArray[np.float64]:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+# A linear part whose rows and columns are scaled to a largest entry of about 1 counts as singular below this
+# determinant: that is ten times its rounding error, so nothing would be known about the inverse.
+_LEAST_DETERMINANT = 2.0**-46
+
+
+@np.errstate(invalid="ignore")  # of matrices that are not finite, which are not singular
+def is_singular(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return whether affine maps flatten what they move, to within rounding, (...) bool; they are (4, 4, ...)."""
+    return abs(_scaled_determinants(matrices[:3, :3])) < _LEAST_DETERMINANT
+
+
+def _scaled_determinants(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the determinants of (3, 3, ...), after columns and rows are scaled to a largest entry of 1/2 to 1.
+
+    The scales are powers of two, which rounds nothing. So the unit of either side does not matter, nor does a scale
+    that differs between the axes of the geometry or of the scene. Columns come before rows: the rows of a geometry that
+    is made thin and then rotated are all alike.
+    """
+    for axis in (0, 1):
+        _, exponents = np.frexp(abs(linear).max(axis=axis, keepdims=True))
+        linear = np.ldexp(linear, -exponents)
+    a, b, c = linear
+    return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from ..errors import ConfigError, MeshError, SceneError
 from ..geometry import Mesh, Shape, Spheres, find_known_mesh, load_mesh, make_shape
 from ..geometry.appearance.material import Material, Texture
+from ..geometry.loading.file_parts import POINT, find_hidden
 from ..geometry.loading.spheres_file import SPHERES_SUFFIXES, read_spheres
 from ..geometry.loading.texture_files import decode_image
 from ..geometry.shapes.make_shape import SHAPES, list_options
@@ -68,7 +69,7 @@ class SceneObject(Struct, kw_only=True, frozen=True, forbid_unknown_fields=True)
     def __post_init__(self) -> None:
         if self.matrix is not None and (self.scale, self.rotate, self.translate) != (1.0, _NO_TURN, _NO_TURN):
             raise SceneError("a matrix stands for scale, rotate and translate: leave those out, or the matrix")
-        Transform(self.scale, self.rotate, self.translate)
+        Transform(1.0, self.rotate, self.translate)
 
     def load(self) -> Shape:
         """Return the shape of the source."""
@@ -79,7 +80,9 @@ class SceneObject(Struct, kw_only=True, frozen=True, forbid_unknown_fields=True)
         """(4, 4) float64: from the source's coordinates to the scene's, of each copy before it is moved itself."""
         if self.matrix is not None:
             return np.array(self.matrix)
-        return Transform(self.scale, self.rotate, self.translate).matrix
+        matrix = Transform(1.0, self.rotate, self.translate).matrix
+        matrix[:3, :3] *= self.scale  # may be 0, which hides the object
+        return matrix
 
     @property
     def count(self) -> int:
@@ -213,17 +216,25 @@ def read_scene_file(path: str | os.PathLike[str]) -> tuple[Scene, View]:
             # Products of numbers that are too large are not finite, and refused when they are placed.
             with np.errstate(over="ignore", invalid="ignore"):
                 matrices = _place(each, file, geometries)
+            matrices = matrices[~find_hidden(matrices)]
             copies = [label]
             for _ in range(1, len(matrices)):
                 copies.append(names.find_free(label))
                 names[copies[-1]] = None
             material = None if each.material is None else file.materials[each.material]
             scene.place_many(
-                geometries[each.source], matrices, names=copies, mask=each.mask, colour=each.colour, material=material
+                geometries[each.source],
+                matrices,
+                names=copies[: len(matrices)],
+                mask=each.mask,
+                colour=each.colour,
+                material=material,
             )
         except (ConfigError, MeshError, SceneError) as error:
             kind = MeshError if isinstance(error, MeshError) else SceneError
             raise kind(f"{path}: the object '{label}': {error}") from error
+    if scene.is_empty:
+        scene.place(scene.add(Mesh.from_arrays(*POINT, name="hidden")))
     return scene, file.view
 
 
@@ -386,6 +397,8 @@ def _place(found: SceneObject, file: SceneFile, geometries: dict[Any, Geometry])
         return found.repeat.matrices(found.transform)
     target = file.objects[found.repeat.on]
     surface, matrix = geometries[target.source].shape, target.transform
+    if find_hidden([matrix])[0]:
+        return np.zeros((0, 4, 4))  # with their surface
     assert isinstance(surface, Mesh)
     vertices, faces = surface.vertices @ matrix[:3, :3].T + matrix[:3, 3], surface.faces
     if not np.isfinite(vertices).all():

@@ -260,7 +260,8 @@ class Scene:
         source : str, path, trimesh.Scene or Scene
             Of a GLB or glTF file, each mesh becomes a geometry, and each node that has it an instance; of an OBJ file,
             each object (`o`), or each group (`g`) if no object is named. Other mesh files are one part. Of a
-            `trimesh.Scene`, the triangle meshes that nodes place. Names are kept, with a number where they are taken.
+            `trimesh.Scene`, the triangle meshes that nodes place. Nodes that a scale of 0 hides are left out. Names are
+            kept, with a number where they are taken.
         transform : (4, 4) float, or Transform, optional
             Moves the whole; the identity if left out.
         mask : int, 0 to 2^32 - 1
@@ -276,7 +277,7 @@ class Scene:
         MeshError
             The file or a mesh cannot be used.
         SceneError
-            Nothing is placed in the source, or a transform is singular, as of a node that is scaled to nothing. The
+            Nothing is placed in the source, or a transform is not finite, or the whole is moved by a singular one. The
             message names it.
 
         Examples

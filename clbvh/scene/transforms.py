@@ -1,6 +1,6 @@
 """Transforms of instances: as users write them, and the checks of (4, 4) matrices, for many at a time.
 
-Owns the limit at which a matrix counts as singular. Must not know of scenes.
+Must not know of scenes.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..geometry.arrays import has_masked_values
+from ..geometry.local_frame import is_singular
 from ..geometry.mesh import Mesh
 from .handles import Vector, read_vector, shorten
 
@@ -178,10 +179,6 @@ def _rotate_about(axis: int, angle: float) -> NDArray[np.float64]:
     return rotation
 
 
-# A linear part whose rows and columns are scaled to a largest entry of about 1 is refused below this determinant: that
-# is ten times its rounding error, so nothing would be known about the inverse.
-_LEAST_DETERMINANT = 2.0**-46
-
 # The faults of a matrix.
 _NOT_FINITE, _NOT_AFFINE, _SINGULAR = 1, 2, 3
 
@@ -264,20 +261,4 @@ def _find_faults(matrices: NDArray[np.float64]) -> NDArray[np.integer]:
     entries = np.ascontiguousarray(matrices.transpose(1, 2, 0))  # numpy is slow along short axes
     is_finite = np.isfinite(entries).all(axis=(0, 1))
     is_affine = (entries[3].T == (0.0, 0.0, 0.0, 1.0)).all(axis=1)
-    with np.errstate(invalid="ignore"):
-        is_singular = abs(_scaled_determinants(entries[:3, :3])) < _LEAST_DETERMINANT
-    return np.select((~is_finite, ~is_affine, is_singular), (_NOT_FINITE, _NOT_AFFINE, _SINGULAR), 0)
-
-
-def _scaled_determinants(linear: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the determinants of (3, 3, n), after columns and rows are scaled to a largest entry of 1/2 to 1.
-
-    The scales are powers of two, which rounds nothing. So the unit of either side does not matter, nor does a scale
-    that differs between the axes of the geometry or of the scene. Columns come before rows: the rows of a geometry that
-    is made thin and then rotated are all alike.
-    """
-    for axis in (0, 1):
-        _, exponents = np.frexp(abs(linear).max(axis=axis, keepdims=True))
-        linear = np.ldexp(linear, -exponents)
-    a, b, c = linear
-    return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+    return np.select((~is_finite, ~is_affine, is_singular(entries)), (_NOT_FINITE, _NOT_AFFINE, _SINGULAR), 0)

@@ -108,7 +108,16 @@ def _load_scene(path):
     assert min(file.view.width, file.view.height) >= 1
     copies = [found.count for found in file.objects.values()]
     if all(map(_is_quick, file.objects.values())) and max(copies) < _FEW_COPIES:
-        _check_scene(read_scene_file(path)[0], sum(copies))
+        scene = read_scene_file(path)[0]
+        # What is flattened is not placed, and a point where nothing is.
+        count, is_flattened = len(scene.instances), any(map(_is_flattened, file.objects.values()))
+        assert 0 < count <= sum(copies)
+        _check_scene(scene, count if is_flattened else sum(copies))
+
+
+def _is_flattened(found):
+    """Return whether the transform of an object, or one of its copies', may be singular to within rounding."""
+    return not np.linalg.cond(found.transform[:3, :3]) < 1e6
 
 
 def _is_quick(found):

@@ -97,7 +97,18 @@ def make_gltf_documents() -> list[Gltf]:
     accessor = {"bufferView": view, "byteOffset": 12, "componentType": CODES["f4"], "count": 12, "type": "VEC3"}
     packed.document["accessors"].append(accessor)
     packed.add_node(mesh=packed.add_mesh({"attributes": {"POSITION": 2}}))
-    return [plain, graph, packed]
+
+    skinned = Gltf()
+    attributes = {"POSITION": skinned.add_accessor(_VERTICES, "f4"), "NORMAL": skinned.add_accessor(_VERTICES, "f4")}
+    attributes["JOINTS_0"] = skinned.add_accessor(np.tile([0, 1, 0, 0], (12, 1)), "u1")
+    attributes["WEIGHTS_0"] = skinned.add_accessor(np.tile([200, 55, 0, 0], (12, 1)), "u1", normalized=True)
+    bound = skinned.add_accessor(np.tile(np.eye(4).ravel(), (2, 1)), "f4")
+    skinned.document["skins"] = [{"joints": [0, 1], "inverseBindMatrices": bound}]
+    skinned.add_node(children=[1], scale=[0.5, 2, 1])
+    skinned.add_node(is_root=False, translation=[1, 2, 3])
+    skinned.add_node(mesh=skinned.add_mesh({"attributes": attributes}), skin=0, scale=[0, 0, 0])
+    skinned.add_part(_VERTICES, _FACES, node={"extensions": {"KHR_node_visibility": {"visible": False}}})
+    return [plain, graph, packed, skinned]
 
 
 _WHOLE_SCENE = """[[object]]

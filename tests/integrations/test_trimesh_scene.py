@@ -189,12 +189,31 @@ class TestChanges:
     def test_an_error_names_the_node_and_passes(self, ray, rays):
         before, graph = ray.intersects_first(*rays), ray.scene.graph
         place = np.array(graph["ball"][0])
-        graph.update("ball", matrix=np.diag([1.0, 0, 1, 1]))
+        graph.update("ball", matrix=TO([0, np.inf, 0]))
         for _ in range(2):
-            with pytest.raises(SceneError, match="the transform of the node 'ball' is singular"):
+            with pytest.raises(SceneError, match="the transform of the node 'ball' must be finite"):
                 ray.intersects_any(*rays)
         graph.update("ball", matrix=place)
         check_same(ray.intersects_first(*rays), before)
+
+    def test_nodes_that_a_scale_of_0_hides_come_and_go(self, ray, rays):
+        graph, shown = ray.scene.graph, ray.nodes
+        index_tri, index_node = ray.intersects_first(*rays)
+        places = {node: np.array(graph[node][0]) for node in shown}
+        graph.update("ball", matrix=places["ball"] @ np.diag([1.0, 0, 1, 1]))
+        assert ray.nodes.tolist() == [node for node in shown if node != "ball"]
+        without = ray.intersects_first(*rays)[1]
+        is_kept = (index_node >= 0) & (shown[index_node] != "ball")
+        assert (shown[index_node[is_kept]] == ray.nodes[without[is_kept]]).all()
+        # All of them, also what is below a hidden node.
+        for node in ("ring", "crate", "second ring"):
+            graph.update(node, matrix=np.diag([0.0, 0, 0, 1]))
+        assert len(ray.nodes) == 0
+        assert not ray.intersects_any(*rays).any()
+        assert not ray.contains_points(rays[0]).any()
+        for node in ("ring", "crate", "ball", "second ring"):
+            graph.update(node, matrix=places[node])
+        check_same(ray.intersects_first(*rays), (index_tri, index_node))
 
     @pytest.mark.parametrize("is_done", [True, False])
     @pytest.mark.parametrize("change", ["set_transforms", "set_vertices"])

@@ -236,10 +236,15 @@ def turn_normals(normals: NDArray[np.float32], matrix: NDArray[np.float64]) -> N
     largest = np.abs(matrix[:3, :3]).max()
     if not 0 < largest < np.inf:
         return normals
-    linear = matrix[:3, :3] / largest
-    cofactors = np.stack([np.cross(linear[(row + 1) % 3], linear[(row + 2) % 3]) for row in range(3)])
+    cofactors = find_cofactors(matrix[:3, :3] / largest)
     # Which of those that a singular matrix has flattened point where does not matter: their faces are no surface.
     return normalize(normals @ cofactors.T.astype(np.float32))[0]
+
+
+def find_cofactors(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the cofactors of matrices, (..., 3, 3)."""
+    rows = [np.cross(linear[..., (row + 1) % 3, :], linear[..., (row + 2) % 3, :]) for row in range(3)]
+    return np.stack(rows, axis=-2)
 
 
 def check_fit(appearance: Appearance | None, prim_count: int, name: str, *, has_corners: bool) -> None:

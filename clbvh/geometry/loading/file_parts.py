@@ -14,8 +14,12 @@ from numpy.typing import NDArray
 
 from ..appearance.appearance import Appearance, find_flat_normals, turn_corners
 from ..appearance.material import Material
+from ..local_frame import is_singular
 from ..mesh import Mesh, Part, check_face_count
 from .file_mesh import FileMesh, finish_looks
+
+# The points and faces of a mesh that no ray and no picture finds, in place of all nodes where all are hidden.
+POINT = np.zeros((1, 3)), np.zeros((1, 3), np.int32)
 
 # Files whose nodes place more triangles than this times those of their meshes are scenes of instances.
 _MOST_PLACED = 2
@@ -49,6 +53,11 @@ class Piece(NamedTuple):
     points: NDArray[np.number]
     faces: NDArray[np.integer]
     appearance: Appearance | None
+
+
+def find_hidden(matrices: Sequence[NDArray[np.float64]] | NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return (n,) bool: which nodes are hidden, as programs do by a scale of 0, of (4, 4) matrices."""
+    return is_singular(np.reshape(matrices, (-1, 4, 4)).transpose(1, 2, 0))
 
 
 def join_nodes(read: FileMesh | FileParts) -> FileMesh:

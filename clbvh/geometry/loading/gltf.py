@@ -1,7 +1,7 @@
 """glTF 2.0, as text and as GLB: the meshes of the scene, and the nodes that place them.
 
-Owns nodes, meshes and primitives. Cameras, lights and animations are skipped; of morph targets and skins the base shape
-is read. No library is used for it: trimesh ignores compression, sparse accessors and normalised
+Owns nodes, meshes and primitives. Cameras, lights and animations are skipped: joints stand as their nodes do. Of morph
+targets the base shape is read. No library is used for it: trimesh ignores compression, sparse accessors and normalised
 integers, and leaves out triangle fans, all without a word.
 
 Khronos Group, "glTF 2.0 Specification", 2021: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html
@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from ...errors import MeshError
 from ..local_frame import rotation_matrix
 from ..mesh import check_face_count
-from .file_mesh import Problems
-from .file_parts import FileNode, FileParts, Piece, drop_loose_vertices, join_pieces
+from .file_mesh import FileMesh, Problems
+from .file_parts import POINT, FileNode, FileParts, Piece, drop_loose_vertices, find_hidden, join_pieces
 from .gltf_data import GltfData, get_list, get_object, refuse_compression
 from .gltf_looks import GltfLooks
+from .gltf_skins import Skin, pose_piece, read_skin
 from .polygons import cut_fans
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
@@ -32,11 +33,12 @@ _MODE_COUNT = 7  # the modes below are points and lines
 
 # Extensions that a file may require without any effect on its triangles.
 _HARMLESS = re.compile(
-    r"KHR_mesh_quantization|[A-Z]+_(materials?|textures?|lights?|techniques|environments?|xmp|animation|audio)_\w+"
+    r"KHR_(mesh_quantization|node_visibility)|"
+    r"[A-Z]+_(materials?|textures?|lights?|techniques|environments?|xmp|animation|audio)_\w+"
 )
 _COMPRESSIONS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 _DRACO = _COMPRESSIONS[0]
-_INSTANCING = "EXT_mesh_gpu_instancing"
+_INSTANCING, _VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_node_visibility"
 
 # Rounding of writers that is no projection, in the last row of a matrix.
 _AFFINE_TOLERANCE = 1e-6
@@ -51,24 +53,46 @@ def read_gltf(data: bytes, file: Path, problems: Problems) -> FileParts:
     gltf = GltfData(data, file)
     _check_extensions(gltf)
     nodes = list(_walk_nodes(gltf))
-    face_count, users = _count_faces_and_users(gltf, {node.mesh for node in nodes})
+    matrices = {node.number: node.matrix for node in nodes}
+    drawn = [node for node in nodes if node.mesh is not None]
+    # Where skins are, their joints decide.
+    hidden = find_hidden([np.eye(4) if node.skin is not None else node.matrix for node in drawn])
+    shown = [node for node, is_hidden in zip(drawn, hidden, strict=True) if not (is_hidden or node.is_hidden)]
+    if drawn and not shown:
+        return FileParts([FileMesh("", *POINT)], [FileNode(drawn[0].name, 0, np.eye(4))])
+    sources = dict.fromkeys((node.mesh, node.skin) for node in shown)
+    face_count, users = _count_faces_and_users(gltf, (mesh for mesh, _ in sources))
     check_face_count(face_count, sum(map(gltf.count_items, users)))
-    numbers: dict[int, int] = {}
+    numbers: dict[tuple[Any, Any], int] = {}
     parts = FileParts([], [])
     points: dict[int, NDArray[np.float64]] = {}
     reader = GltfLooks(gltf, problems)
-    for node in nodes:
+    for node in shown:
         mesh_name = _read_name(gltf.item("meshes", node.mesh))
-        if node.mesh not in numbers:
-            numbers[node.mesh] = len(numbers)
-            pieces = list(_read_primitives(gltf, node.mesh, points, reader))
+        source = node.mesh, node.skin
+        if source not in numbers:
+            numbers[source] = len(numbers)
+            skin = None if node.skin is None else read_skin(gltf, node.skin, node.matrix, matrices)
+            pieces = list(_read_primitives(gltf, node.mesh, points, reader, skin))
             mesh = join_pieces(mesh_name or node.name, pieces)
             is_shared = any(users[positions] > 1 for _, _, positions, _, _ in _triangle_primitives(gltf, node.mesh))
             parts.meshes.append(drop_loose_vertices(mesh) if is_shared else mesh)
-        matrix = node.matrix.copy()
-        matrix[3] = (0.0, 0.0, 0.0, 1.0)  # `_read_matrix` has seen that it is almost that
-        parts.nodes.append(FileNode(node.name or mesh_name, numbers[node.mesh], matrix))
+        matrix = np.eye(4)
+        if node.skin is None:
+            matrix[:3] = node.matrix[:3]  # `_read_matrix` has seen that the last row is almost that
+        parts.nodes.append(FileNode(node.name or mesh_name, numbers[source], matrix))
     return parts
+
+
+class _Node(NamedTuple):
+    """A node of the scene, the indices of its mesh and skin, and its matrix from its own coordinates to the scene's."""
+
+    number: int
+    name: str
+    mesh: Any
+    skin: Any
+    matrix: NDArray[np.float64]
+    is_hidden: bool
 
 
 def _read_name(item: dict[str, Any]) -> str:
@@ -84,29 +108,33 @@ def _check_extensions(gltf: GltfData) -> None:
             raise MeshError(f"the file requires the glTF extension {str(name)[:80]!r}, which is not read")
 
 
-def _walk_nodes(gltf: GltfData) -> Iterator[FileNode]:
-    """Yield the meshes of the scene, depth first; each node is visited once."""
+def _walk_nodes(gltf: GltfData) -> Iterator[_Node]:
+    """Yield the nodes of the scene, depth first; each node is visited once."""
     nodes = get_list(gltf.document, "nodes")
     if not nodes and not get_list(gltf.document, "scenes"):
         # A file without a scene is a library of meshes.
-        for mesh in range(len(get_list(gltf.document, "meshes"))):
-            yield FileNode("", mesh, np.eye(4))
+        for number in range(len(get_list(gltf.document, "meshes"))):
+            yield _Node(-1, "", number, None, np.eye(4), False)
     is_visited = np.zeros(len(nodes), np.bool_)
-    stack = [(root, np.eye(4)) for root in reversed(_find_roots(gltf))]
+    stack = [(root, np.eye(4), False) for root in reversed(_find_roots(gltf))]
     while stack:
-        index, parent = stack.pop()
+        index, parent, is_hidden = stack.pop()
         node = gltf.item("nodes", index)
         if is_visited[index]:
             raise MeshError(f"nodes[{index}] has two parents or is one of its own, but the nodes of glTF are trees")
         is_visited[index] = True
-        if _INSTANCING in get_object(node, "extensions"):
+        extensions = get_object(node, "extensions")
+        if _INSTANCING in extensions:
             raise MeshError(f"nodes[{index}] is drawn many times by {_INSTANCING}, which is not read")
+        is_hidden = is_hidden or get_object(extensions, _VISIBILITY).get("visible", True) is False
         with np.errstate(over="ignore", invalid="ignore"):  # coordinates that are not finite are refused later
             matrix = parent @ _read_matrix(node, index)
-        if "mesh" in node:
-            gltf.item("meshes", node["mesh"])
-            yield FileNode(_read_name(node), node["mesh"], matrix)
-        stack += [(child, matrix) for child in reversed(get_list(node, "children"))]
+        mesh, skin = (node.get(key) for key in ("mesh", "skin"))
+        for kind, other in (("meshes", mesh), ("skins", skin)):
+            if other is not None:
+                gltf.item(kind, other)
+        yield _Node(index, _read_name(node), mesh, skin, matrix, is_hidden)
+        stack += [(child, matrix, is_hidden) for child in reversed(get_list(node, "children"))]
 
 
 def _find_roots(gltf: GltfData) -> list[Any]:
@@ -150,7 +178,7 @@ def _read_vector(node: dict[str, Any], key: str, default: NDArray[np.float64]) -
     return values
 
 
-def _count_faces_and_users(gltf: GltfData, meshes: Collection[int]) -> tuple[int, Counter[Any]]:
+def _count_faces_and_users(gltf: GltfData, meshes: Iterable[Any]) -> tuple[int, Counter[Any]]:
     """Return the number of triangles of meshes, and how many of them use a list of points; nothing is read for it."""
     face_count, users = 0, Counter[Any]()
     for mesh in meshes:
@@ -185,7 +213,7 @@ def _triangle_primitives(gltf: GltfData, mesh: int) -> Iterator[tuple[str, int, 
 
 
 def _read_primitives(
-    gltf: GltfData, mesh: int, points: dict[int, NDArray[np.float64]], reader: GltfLooks
+    gltf: GltfData, mesh: int, points: dict[int, NDArray[np.float64]], reader: GltfLooks, skin: Skin | None
 ) -> Iterator[Piece]:
     """Yield the primitives of a mesh; the points of an accessor are read once, and kept."""
     for where, mode, positions, indices, primitive in _triangle_primitives(gltf, mesh):
@@ -200,7 +228,8 @@ def _read_primitives(
                 f"{where}: face {face} refers to vertex {faces[face, corner]}, but there are {count} vertices "
                 f"(0 to {count - 1})"
             )
-        yield Piece(points[positions], faces, reader.read(primitive, points[positions], faces))
+        piece = Piece(points[positions], faces, reader.read(primitive, points[positions], faces))
+        yield piece if skin is None else pose_piece(gltf, primitive, piece, skin, where)
 
 
 def _cut(corners: NDArray[np.int64], mode: int, where: str) -> NDArray[np.integer]:

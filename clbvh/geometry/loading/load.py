@@ -55,10 +55,10 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
         its `appearance`.
 
         A file of several parts is one mesh whose `parts` name them. Those of a GLB or glTF file are the nodes with
-        triangles, in the order of the nodes and moved to their positions in the scene, however often they place a mesh;
-        where a node's matrix mirrors, corners are listed backwards, so that fronts stay fronts. Those of an OBJ file
-        are its objects (`o`), or its groups (`g`) if no object is named; one that is continued further below is a part
-        there once more.
+        triangles, in the order of the nodes and moved to their positions in the scene, however often they place a mesh,
+        without those that a scale of 0 hides; where a node's matrix mirrors, corners are listed backwards, so that
+        fronts stay fronts. Those of an OBJ file are its objects (`o`), or its groups (`g`) if no object is named; one
+        that is continued further below is a part there once more.
 
     Warns
     -----

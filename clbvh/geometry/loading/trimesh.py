@@ -23,7 +23,7 @@ from ..appearance.material import OPAQUE, Material, Texture, copy_with_alpha
 from ..appearance.srgb import srgb_to_linear
 from ..mesh import Mesh
 from .file_mesh import FileMesh, Problems, finish_looks, spread_colours, spread_uvs
-from .file_parts import FileNode, FileParts, LoadedParts, join_nodes
+from .file_parts import POINT, FileNode, FileParts, LoadedParts, find_hidden, join_nodes
 
 # Packages that trimesh needs for files that no reader of ours takes.
 PACKAGES = {
@@ -106,7 +106,7 @@ def read_trimesh(data: bytes, path: Path, problems: Problems) -> FileParts:
 
 
 def read_graph(scene: HasGraph) -> LoadedParts:
-    """Return the triangle meshes of a `trimesh.Scene` that its nodes place, and these nodes.
+    """Return the triangle meshes of a `trimesh.Scene` that its nodes place, and these nodes; without hidden ones.
 
     Raises
     ------
@@ -118,17 +118,24 @@ def read_graph(scene: HasGraph) -> LoadedParts:
     # One geometry under two names is converted once.
     meshes: dict[int, Mesh] = {}
     with reading(scene):
+        nodes = []
         for node in scene.graph.nodes_geometry:
             matrix, name = scene.graph[node]
             geometry = scene.geometry[name]
-            if not isinstance(geometry, HasTriangles) or len(geometry.faces) == 0:
-                continue  # a path, or points
+            if isinstance(geometry, HasTriangles) and len(geometry.faces):  # no path, nor points
+                nodes.append((str(node), name, geometry, make_affine(matrix)))
+        hidden = find_hidden([matrix for _, _, _, matrix in nodes])
+        if hidden.all() and nodes:
+            return LoadedParts([Mesh.from_arrays(*POINT, name=nodes[0][0])], [FileNode(nodes[0][0], 0, np.eye(4))])
+        for (node, name, geometry, matrix), is_hidden in zip(nodes, hidden, strict=True):
+            if is_hidden:
+                continue
             if name not in numbers:
                 numbers[name] = len(numbers)
                 if id(geometry) not in meshes:
                     meshes[id(geometry)] = mesh_of_object(geometry, str(name))
                 loaded.meshes.append(dataclasses.replace(meshes[id(geometry)], name=str(name)))
-            loaded.nodes.append(FileNode(str(node), numbers[name], make_affine(matrix)))
+            loaded.nodes.append(FileNode(node, numbers[name], matrix))
     return loaded
 
 

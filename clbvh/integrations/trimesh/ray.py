@@ -330,7 +330,7 @@ class SceneRay(RayEngine):
     scene : trimesh.Scene
         It may change later. When nodes have moved, only the tree over the nodes is built anew; when only vertices of a
         mesh have moved, its tree is refitted; after other changes the next query builds all trees. Changes are found by
-        trimesh's own hashes. Paths and point clouds are left out.
+        trimesh's own hashes. Paths, point clouds and nodes that a scale of 0 hides are left out.
     device : DeviceInfo, str, int or None
         See `clbvh.Tracer`.
     layout : str
@@ -339,7 +339,7 @@ class SceneRay(RayEngine):
     Raises
     ------
     SceneError
-        The argument is no scene. By the first query: a node has a singular transform, or there is no mesh.
+        The argument is no scene. By the first query: a node's transform is not finite, or there is no mesh.
     ConfigError
         An unknown layout, or a device of another type.
 
@@ -391,7 +391,7 @@ class SceneRay(RayEngine):
 
     @property
     def nodes(self) -> NDArray[np.object_]:
-        """(n,) object: the names of the nodes that place a triangle mesh, by `index_node`, as the scene is now."""
+        """(n,) object: the names of the nodes that show a triangle mesh, by `index_node`, as the scene is now."""
         nodes = self._tracer.nodes(self.scene)
         return np.fromiter((node for node, _ in nodes), object, len(nodes))
 

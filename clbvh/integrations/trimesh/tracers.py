@@ -32,6 +32,7 @@ from ...device.info import DeviceInfo
 from ...errors import ConfigError, DeviceError, QueryError, SceneError
 from ...geometry import Mesh
 from ...geometry.as_mesh import as_mesh
+from ...geometry.loading.file_parts import POINT, find_hidden
 from ...geometry.loading.trimesh import make_affine
 from ...geometry.smooth_normals import VertexFaces, find_vertex_faces
 from ...scene.handles import Geometry
@@ -175,12 +176,12 @@ class FollowedScene:
     graph : tuple
         See `read_graph`.
     nodes : list of Node
-        In the order of the graph, as are the instances.
+        Those that are not hidden, in the order of the graph, as are the instances.
     """
 
     def __init__(self, source: Any) -> None:
         self.graph, (self.nodes, self._transforms) = read_graph(source), read_nodes(source)
-        if not self.nodes:
+        if not _list_nodes(source)[0]:
             raise SceneError("the scene has no node with a triangle mesh: rays need a surface")
         self._hashes: dict[Any, int] = {}
         self._geometries: dict[Any, Geometry] = {}
@@ -191,6 +192,8 @@ class FollowedScene:
             self._geometries[name] = self._scene.add(Mesh.from_arrays(mesh.vertices, mesh.faces, name=str(name)))
         for (_, name), transform in zip(self.nodes, self._transforms, strict=True):
             self._scene.place(self._geometries[name], transform)
+        if self._scene.is_empty:
+            self._scene.place(self._scene.add(Mesh.from_arrays(*POINT, name="hidden")))
 
     def open(self, options: EngineOptions) -> Tracer:
         """Open a tracer of the scene as it was read."""
@@ -229,13 +232,21 @@ def read_graph(scene: Any) -> tuple[Any, ...]:
 
 
 def read_nodes(scene: Any) -> tuple[list[Node], NDArray[np.float64]]:
-    """Return the nodes that place triangle meshes, and their transforms, (n, 4, 4) float64.
+    """Return the nodes that place triangle meshes and are not hidden, and their transforms, (n, 4, 4) float64.
 
     Raises
     ------
     SceneError
-        A transform is singular, or not finite; the message names the node.
+        A transform is not finite; the message names the node.
     """
+    nodes, matrices = _list_nodes(scene)
+    is_shown = ~find_hidden(matrices)
+    shown = list(itertools.compress(nodes, is_shown))
+    return shown, check_transforms(matrices[is_shown], lambda index: f"the transform of the node {shown[index][0]!r}")
+
+
+def _list_nodes(scene: Any) -> tuple[list[Node], NDArray[np.float64]]:
+    """Return all nodes that place triangle meshes, and their transforms, (n, 4, 4) float64."""
     nodes, matrices = [], []
     for node in scene.graph.nodes_geometry:
         matrix, geometry = scene.graph[node]
@@ -243,8 +254,7 @@ def read_nodes(scene: Any) -> tuple[list[Node], NDArray[np.float64]]:
         if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
             nodes.append((node, geometry))
             matrices.append(make_affine(matrix))
-    transforms = np.array(matrices).reshape(-1, 4, 4)
-    return nodes, check_transforms(transforms, lambda index: f"the transform of the node {nodes[index][0]!r}")
+    return nodes, np.array(matrices).reshape(-1, 4, 4)
 
 
 def _has_faces(known: Any, mesh: Any) -> bool:

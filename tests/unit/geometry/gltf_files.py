@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 CODES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
-TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 
 class Gltf:
@@ -31,7 +31,7 @@ class Gltf:
         return len(self.document["bufferViews"]) - 1
 
     def add_accessor(self, values: Any, dtype: str, **keys: Any) -> int:
-        """Append numbers, (n,) or (n, 2 to 4); return the index of their accessor."""
+        """Append numbers, (n,), (n, 2 to 4) or (n, 16); return the index of their accessor."""
         array = np.asarray(values)
         width = 1 if array.ndim == 1 else array.shape[1]
         view = self.add_view(array.astype(f"<{dtype}").tobytes())

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+import trimesh
 
+import clbvh
 from clbvh import MeshError, load_mesh
 from clbvh.support import memory
 
@@ -229,3 +231,132 @@ def test_nodes_may_be_as_deep_as_they_like(gltf, corners):
         gltf.add_node(is_root=False, children=[number], translation=[1, 0, 0])
     gltf.document["scenes"][0]["nodes"] = [5000]
     assert corners(gltf)[0, 0].tolist() == [5000, 0, 0]
+
+
+def add_skinned_ball(gltf, rng, *, sets=1, dtype="f4", mirror=1.0, is_bound=True):
+    """Add a ball that three joints carry; return the matrices of the joints, and joints and weights of its vertices."""
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    corners = ball.triangles.reshape(-1, 3)
+    world, joints = [np.diag([0.01 * mirror, 0.01, 0.01, 1])], []
+    armature = gltf.add_node(scale=[0.01 * mirror, 0.01, 0.01], children=[1])
+    for number in range(3):
+        axis, shift = rng.normal(size=3), rng.normal(size=3)
+        angle, scale = rng.uniform(1), rng.uniform(0.5, 2)
+        axis *= np.sin(angle / 2) / np.linalg.norm(axis)
+        keys = {"translation": shift.tolist(), "rotation": [*axis, np.cos(angle / 2)], "scale": [scale] * 3}
+        joints.append(gltf.add_node(is_root=False, children=[armature + number + 2] if number < 2 else [], **keys))
+        turn = trimesh.transformations.rotation_matrix(angle, axis)
+        world.append(
+            world[-1] @ (trimesh.transformations.translation_matrix(shift) @ turn @ np.diag([scale] * 3 + [1]))
+        )
+    skin, bound = {"joints": joints}, np.eye(4)
+    if is_bound:
+        bound = np.linalg.inv(0.3 * rng.normal(size=(3, 4, 4)) * [[1], [1], [1], [0]] + np.diag([3, 3, 3, 1.0]))
+        bound = bound.astype(np.float32).astype(np.float64)
+        skin["inverseBindMatrices"] = gltf.add_accessor(bound.transpose(0, 2, 1).reshape(-1, 16), "f4")
+    gltf.document["skins"] = [skin]
+    ids = rng.integers(3, size=(len(corners), 4 * sets))
+    weights = rng.random(ids.shape)
+    weights /= weights.sum(axis=1, keepdims=True)
+    stored = np.floor(weights * 255) if dtype == "u1" else weights
+    attributes = {"POSITION": gltf.add_accessor(corners, "f4")}
+    attributes["NORMAL"] = gltf.add_accessor(np.repeat(ball.face_normals, 3, axis=0), "f4")
+    for number in range(sets):
+        columns = slice(4 * number, 4 * number + 4)
+        attributes[f"JOINTS_{number}"] = gltf.add_accessor(ids[:, columns], "u1")
+        values = gltf.add_accessor(stored[:, columns], dtype, normalized=dtype == "u1")
+        attributes[f"WEIGHTS_{number}"] = values
+    # The transform of its node, and those above it, do not count.
+    child = gltf.add_node(is_root=False, mesh=gltf.add_mesh({"attributes": attributes}), skin=0, scale=[7, 0, 7])
+    gltf.add_node(translation=[100, 0, 0], children=[child])
+    points, normals = np.zeros_like(corners), np.zeros_like(corners)
+    for vertex, point in enumerate(corners.astype(np.float32).astype(np.float64)):
+        matrix = np.zeros((4, 4))
+        for joint, weight in zip(ids[vertex], stored[vertex] / stored[vertex].sum(), strict=True):
+            matrix += weight * (world[joint + 1] @ (bound[joint] if is_bound else bound))
+        points[vertex] = (matrix @ [*point, 1])[:3]
+        normals[vertex] = np.linalg.inv(matrix[:3, :3]).T @ ball.face_normals[vertex // 3]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return points.reshape(-1, 3, 3), normals.reshape(-1, 3, 3)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [{}, {"sets": 2}, {"dtype": "u1"}, {"mirror": -1.0}, {"is_bound": False}],
+    ids=lambda case: "-".join(case) or "plain",
+)
+def test_skins_are_posed_by_their_joints_alone(gltf, tmp_path, case):
+    points, normals = add_skinned_ball(gltf, np.random.default_rng(5), **case)
+    path = gltf.write_glb(tmp_path / "a.glb")
+    mesh = load_mesh(path)
+    # Mirrored faces are turned round.
+    order = [2, 1, 0] if "mirror" in case else [0, 1, 2]
+    np.testing.assert_allclose(mesh.vertices[mesh.faces], points[:, order], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(mesh.appearance.normals, normals[:, order], atol=1e-4)
+    (instance,) = (scene := clbvh.Scene()).add_parts(path)
+    np.testing.assert_array_equal(instance.transform, np.eye(4))
+    np.testing.assert_array_equal(scene.geometries[0].shape.vertices, mesh.vertices)
+
+
+def test_what_is_wrong_with_a_skin_is_named(gltf, load):
+    add_skinned_ball(gltf, np.random.default_rng(5))
+    document = gltf.document
+    primitive, skin = document["meshes"][0]["primitives"][0], document["skins"][0]
+    for table, key, value, message in (
+        (document["scenes"][0], "nodes", [5], r"skins\[0\] has the joint nodes\[1\], which is not in the scene"),
+        (skin, "joints", [1, 2, 99], r"refers to nodes\[99\]"),
+        (skin, "joints", [1, 2], "a joint that is not among the 2 of its skin"),
+        (skin, "joints", [1, 2, 3, 0], "3 inverse bind matrices for 4 joints"),
+        (document["nodes"][4], "skin", 1, r"refers to skins\[1\]"),
+        (primitive["attributes"], "WEIGHTS_0", primitive["attributes"]["NORMAL"], "vectors of 3 numbers, not 4"),
+    ):
+        before, table[key] = table[key], value
+        with pytest.raises(MeshError, match=message):
+            load(gltf)
+        table[key] = before
+    # Without joints it stays with its node.
+    del primitive["attributes"]["JOINTS_0"]
+    document["nodes"][4]["scale"] = [1, 1, 1]
+    np.testing.assert_allclose(load(gltf).vertices.mean(axis=0), [100, 0, 0], atol=1e-5)
+
+
+def test_hidden_nodes_show_nothing(gltf, tmp_path):
+    def show(source):
+        """The names of the parts, and the heights that a ray meets; of one mesh, and of instances."""
+        found = []
+        for scene in (clbvh.Scene(source), clbvh.Scene()):
+            if scene.is_empty:
+                scene.add_parts(source)
+            with clbvh.Tracer(scene) as tracer:
+                hits = tracer.all_hits([[0.5, 0.25, 9]], [0, 0, -1])
+                distance = tracer.closest_point([[0.5, 0.25, 9]]).distance
+            picture = clbvh.render(scene, width=8, height=8, shading="lambert")
+            assert {hits.count == 0, np.isinf(distance).all(), picture.hits.count == 0} == {hits.count == 0}
+            found.append((9 - hits.t).tolist())
+        assert found[0] == found[1]
+        return found[0]
+
+    flat = np.diag([1, 1, 0, 1.0])
+    flat[:3, :3] = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])[:3, :3] @ flat[:3, :3]
+    for height, keys in enumerate((
+        {"scale": [0, 0, 0]}, {}, {"scale": [1, 0, 1]}, {"matrix": flat.T.ravel().tolist()}, {},
+        {"extensions": {"KHR_node_visibility": {"visible": False}}},
+    )):  # fmt: skip
+        gltf.add_part(np.add(TRIANGLE, [0, 0, height]), node={"name": f"{height}", **keys})
+    below = gltf.add_part(np.add(TRIANGLE, [0, 0, 7]), node={"is_root": False})
+    for keys in ({"scale": [1, 1, 0]}, {"extensions": {"KHR_node_visibility": {"visible": False}}}):
+        gltf.add_node(children=[below], **keys)
+        assert show(gltf.write_glb(tmp_path / "a.glb")) == [4, 1]
+        gltf.document["nodes"].pop(), gltf.document["scenes"][0]["nodes"].pop()
+    path = gltf.write_glb(tmp_path / "a.glb")
+    assert [part.name for part in load_mesh(path).parts] == ["1", "4"]
+    # An animation that shows a node does not change how it stands.
+    sampler = {"input": gltf.add_accessor([0, 1], "f4"), "output": gltf.add_accessor([[1, 1, 1]] * 2, "f4")}
+    channel = {"sampler": 0, "target": {"node": 0, "path": "scale"}}
+    gltf.document["animations"] = [{"samplers": [sampler], "channels": [channel]}]
+    gltf.document["scenes"][0]["nodes"] = [0, 2, 3]
+    path = gltf.write_glb(tmp_path / "a.glb")
+    assert show(path) == []
+    assert show(trimesh.load_scene(path)) == []
+    with clbvh.Tracer(load_mesh(path)) as tracer:
+        assert not tracer.any_hit([[0.5, 0.25, 9]], [0, 0, -1]).any()

@@ -149,6 +149,21 @@ def test_copies_are_upright_in_the_view_and_the_same_every_time(read):
     assert scene.snapshot().transforms.tobytes() == read(text).snapshot().transforms.tobytes()
 
 
+def test_objects_that_a_scale_of_0_hides_are_not_placed(read):
+    on_floor = f'{DOT}repeat = {{on = "floor", count = 3}}\n'
+    flat = "matrix = [[1,0,0,0],[0,1,0,0],[0,0,0,0],[0,0,0,1]]\n"
+    dots = "[[object]]\ncentres = [[0, 0, 0]]\nradii = 1\nscale = [1, 1, 0]\n"
+    for hidden in ("scale = 0\n", "scale = [1, 0, 1]\nrotate = [10, 20, 30]\n", flat):
+        scene = read(BALL + hidden + FLOOR + DOT + dots + BALL.replace("ball", "row") + hidden + "[object.repeat]\n"
+                     "grid = [2, 2, 2]\nspacing = [1, 1, 1]\n")  # fmt: skip
+        assert [instance.name for instance in scene.instances] == ["floor", "icosphere"]
+        # With them what stands on them; a scene without anything is one, too.
+        scene = read(FLOOR + hidden + on_floor)
+        with clbvh.Tracer(scene) as tracer:
+            assert not tracer.any_hit(np.random.default_rng(0).normal(size=(100, 3)), [0, -1, 0]).any()
+        assert clbvh.render(scene, width=8, height=8).hits.count == 0
+
+
 PARSED = [
     ('[object]\nname = "a"', r"write \[\[object\]\], not \[object\]"),
     (A + '[[object]]\nname = "b"\ncolor = 1', "object 2: there is no key 'color': did you mean 'colour'?"),
@@ -164,7 +179,7 @@ PARSED = [
 ]
 LOADED = [
     (BALL.replace("80", "3"), r"scene\.toml: the object 'ball': .* at least 20 triangles"),
-    (BALL + "matrix = [[1,0,0,0],[0,1,0,0],[0,0,0,0],[0,0,0,1]]", "'ball': .*transform.* is singular"),
+    (BALL + "matrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,1,1]]", "'ball': .*transform.* must be affine"),
     ('[[object]]\nspheres = "a.csv"', r"a\.csv: the file has no radii: give 'radii'"),
     ('[[object]]\npath = "line.obj"\n' + BALL + 'repeat = {on = "line", count = 3}', "on a surface without area"),
     (BALL + f'translate = [1.7e308, 0, 0]\nscale = 1e308\n{DOT}repeat = {{on = "ball", count = 3}}', "not finite"),
