@@ -43,8 +43,8 @@ _MOST_BYTES = 1 << 16
 class Connected(Protocol):
     """What a page talks to."""
 
-    def handle(self, event: dict[str, Any]) -> None:
-        """Take an event."""
+    def handle(self, event: Any) -> None:
+        """Take an event, or anything else that a page sends; None for what is no JSON."""
 
     def close(self) -> None:
         """End everything that the page has begun."""
@@ -127,9 +127,11 @@ class PageServer(ContextManager):
         from websockets.datastructures import Headers
         from websockets.http11 import Response
 
-        address = urlsplit(request.path)
-        origin = request.headers.get("Origin")
-        names = [request.headers.get("Host", "")] + ([] if origin is None else [urlsplit(origin).netloc])
+        try:
+            address, origin = urlsplit(request.path), request.headers.get("Origin")
+            names = [request.headers.get("Host", "")] + ([] if origin is None else [urlsplit(origin).netloc])
+        except (LookupError, ValueError):  # a header twice, brackets that hold no address
+            return page.respond(HTTPStatus.BAD_REQUEST, "The request's address, Host or Origin is malformed.\n")
         is_own = all(name.rpartition(":")[0] in _HOST_NAMES or name in _HOST_NAMES for name in names)
         token = parse_qs(address.query).get("token", [""])[0]
         needs_token = address.path in ("/", _SOCKET)
@@ -169,9 +171,17 @@ class PageServer(ContextManager):
                 return
             session = self._connect(send)
             for text in page:
-                session.handle(json.loads(text))
-        except (ConnectionClosed, ValueError):
+                session.handle(_read(text))
+        except ConnectionClosed:
             pass
         finally:
             if session is not None:
                 session.close()
+
+
+def _read(text: str | bytes) -> Any:
+    """Return the value of a JSON text; None where it is none, or nested too deeply."""
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return None

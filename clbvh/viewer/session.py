@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import io
 import math
+import reprlib
 import threading
 import time
 import traceback
@@ -57,6 +58,9 @@ _PASS_FACTOR, _FEWEST = 4, 4
 _LEAST_SCALE = 1 / 8
 
 _JPEG = {"quality": 80, "subsampling": 2}
+
+# Of the numbers in events, which are pixels of a page.
+_MOST = 1e6
 
 # CSS pixels that a click may move.
 _CLICK = 4
@@ -151,13 +155,16 @@ class Session:
 
     # Events
 
-    def handle(self, event: dict[str, Any]) -> None:
+    def handle(self, event: Any) -> None:
         """Take one event of the page; a wrong one is answered by a note."""
         try:
-            handler = _HANDLERS.get(str(event.get("event_type")))
+            if not isinstance(event, dict):
+                raise ConfigError(f"an event must be a JSON object, not {reprlib.repr(event)}")
+            handler, needed = _HANDLERS.get(str(event.get("event_type")), (None, ()))
             if handler is not None:
+                _check_fields(event, needed)
                 handler(self, event)
-        except (ClbvhError, KeyError, TypeError, ValueError) as error:
+        except ClbvhError as error:
             self._note(str(error), is_error=True)
 
     def refresh(self) -> None:
@@ -181,7 +188,7 @@ class Session:
         self._say({"type": "opened"})
 
     def _resize(self, event: dict[str, Any]) -> None:
-        ratio = float(event.get("pixel_ratio") or 1.0)
+        ratio = event.get("pixel_ratio", 1.0)
         size = max(1, round(event["width"] * ratio)), max(1, round(event["height"] * ratio))
         if self._is_sized:
             size = self._start.width, self._start.height
@@ -223,7 +230,7 @@ class Session:
         })  # fmt: skip
 
     def _press(self, event: dict[str, Any]) -> None:
-        point, button = (float(event["x"]), float(event["y"])), int(event["button"])
+        point, button = (event["x"], event["y"]), event["button"]
         seen, is_hit = self._find_point(point)
         with self._changed:
             self._drag = {
@@ -235,7 +242,7 @@ class Session:
             self._spin()
 
     def _move(self, event: dict[str, Any]) -> None:
-        point = float(event["x"]), float(event["y"])
+        point = event["x"], event["y"]
         with self._changed:
             drag, size = self._drag, self._size
             if not drag or size is None:
@@ -287,15 +294,15 @@ class Session:
             self._say_overlay(self._picture)
 
     def _focus(self, event: dict[str, Any]) -> None:
-        point, is_hit = self._find_point((float(event["x"]), float(event["y"])))
+        point, is_hit = self._find_point((event["x"], event["y"]))
         self._clear()  # a double click is two clicks, too
         if is_hit:
             with self._changed:
                 self._show(navigate.focus(self._camera(), point, _FOCUS))
 
     def _wheel(self, event: dict[str, Any]) -> None:
-        point = float(event["x"]), float(event["y"])
-        turned = min(max(float(event["dy"]), -_MOST_WHEEL), _MOST_WHEEL)
+        point = event["x"], event["y"]
+        turned = min(max(event["dy"], -_MOST_WHEEL), _MOST_WHEEL)
         pivot, _ = self._find_point(point)
         with self._changed:
             if turned and self._size is not None:
@@ -303,7 +310,7 @@ class Session:
                 self._show(navigate.zoom(self._camera(), _WHEEL**turned, pivot, pixel, self._size))
 
     def _press_key(self, event: dict[str, Any]) -> None:
-        key = str(event["key"])
+        key = event["key"]
         key = key.lower() if len(key) == 1 else key
         is_plain = not {"Control", "Meta", "Alt"}.intersection(event.get("modifiers", ()))
         if not is_plain:
@@ -315,7 +322,7 @@ class Session:
                 self._touch()
         elif key in _SIDE_KEYS:
             self._set({"name": "side", "value": _SIDE_KEYS[key]})
-        elif key.isdecimal() and 1 <= int(key) <= len(names):
+        elif key in map(str, range(1, len(names) + 1)):
             self._set({"name": "shading", "value": names[int(key) - 1]})
         elif key in ("h", "Home"):
             self._go_home()
@@ -329,19 +336,19 @@ class Session:
             self._clear()
 
     def _release_key(self, event: dict[str, Any]) -> None:
-        key = str(event["key"])
+        key = event["key"]
         with self._changed:
             self._keys.pop(key.lower() if len(key) == 1 else key, None)
             self._changed.notify_all()
 
     def _note_drawn(self, event: dict[str, Any]) -> None:
         with self._changed:
-            self._drawn = int(event["index"])
+            self._drawn = event["index"]
             self._changed.notify_all()
 
     def _set(self, event: dict[str, Any]) -> None:
         """Change a setting of the view, by the panel or a key."""
-        name, value = str(event["name"]), event.get("value")
+        name, value = event["name"], event.get("value")
         with self._changed:
             if name == "fly":
                 self._is_flying = bool(value)
@@ -363,7 +370,7 @@ class Session:
         self._say_state()
 
     def _ask(self, event: dict[str, Any]) -> None:
-        what, view = str(event["what"]), self._sized()
+        what, view = event["what"], self._sized()
         if what == "command":
             self._say({"type": "text", "what": what, "text": phrase_command(self._sources, self._own, view)})
         elif what == "python":
@@ -558,20 +565,50 @@ class Session:
         self._send({**message, "bytes": len(content)}, content)
 
 
-_HANDLERS: dict[str, Callable[[Session, dict[str, Any]], None]] = {
-    "resize": Session._resize,
-    "pointer_down": Session._press,
-    "pointer_move": Session._move,
-    "pointer_up": Session._release,
-    "double_click": Session._focus,
-    "wheel": Session._wheel,
-    "key_down": Session._press_key,
-    "key_up": Session._release_key,
-    "frame_feedback": Session._note_drawn,
-    "set": Session._set,
-    "ask": Session._ask,
-    "close": Session._leave,
+# The events, and the fields that each needs.
+_HANDLERS: dict[str, tuple[Callable[[Session, dict[str, Any]], None], tuple[str, ...]]] = {
+    "resize": (Session._resize, ("width", "height")),
+    "pointer_down": (Session._press, ("x", "y", "button")),
+    "pointer_move": (Session._move, ("x", "y")),
+    "pointer_up": (Session._release, ()),
+    "double_click": (Session._focus, ("x", "y")),
+    "wheel": (Session._wheel, ("x", "y", "dy")),
+    "key_down": (Session._press_key, ("key",)),
+    "key_up": (Session._release_key, ("key",)),
+    "frame_feedback": (Session._note_drawn, ("index",)),
+    "set": (Session._set, ("name",)),
+    "ask": (Session._ask, ("what",)),
+    "close": (Session._leave, ()),
 }
+
+
+def _is_number(value: Any, least: float = -_MOST) -> bool:
+    return isinstance(value, int | float) and least <= value <= _MOST
+
+
+def _is_list(value: Any, kind: type) -> bool:
+    return isinstance(value, list | tuple) and all(isinstance(each, kind) for each in value)
+
+
+# Names of fields, a test of their values, and its words.
+_FIELDS: tuple[tuple[tuple[str, ...], Callable[[Any], bool], str], ...] = (
+    (("x", "y", "dy"), _is_number, f"from {-_MOST:g} to {_MOST:g}"),
+    (("width", "height", "pixel_ratio"), lambda size: _is_number(size, 1 / _MOST), f"from {1 / _MOST:g} to {_MOST:g}"),
+    (("button", "index"), lambda number: isinstance(number, int), "an integer"),
+    (("buttons",), lambda numbers: _is_list(numbers, int), "a list of integers"),
+    (("modifiers",), lambda texts: _is_list(texts, str), "a list of texts"),
+    (("key", "name", "what"), lambda text: isinstance(text, str), "a text"),
+    (("value",), lambda value: isinstance(value, str | bool | None), "a text, true, false or null"),
+)  # fmt: skip
+
+
+def _check_fields(event: dict[str, Any], needed: tuple[str, ...]) -> None:
+    """Raise `ConfigError` unless an event has the fields that it needs, and all known ones have values of theirs."""
+    for names, is_valid, words in _FIELDS:
+        for name in names:
+            if (name in needed or name in event) and not is_valid(event.get(name)):
+                given = reprlib.repr(event[name]) if name in event else "left out"
+                raise ConfigError(f"{name} of the event {event['event_type']!r} must be {words}, not {given}")
 
 
 def _settings_of(camera: Camera) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import math
 import shlex
 import time
@@ -178,11 +179,51 @@ def test_a_wrong_event_is_a_note_and_the_page_goes_on(page):
     for name, value in (("cut", "nonsense"), ("shading", "none"), ("eye", 1)):
         page.do("set", name=name, value=value)
         assert page.last("note")[0]["is_error"]
-    page.do("resize", width=-1, height="x", pixel_ratio=None)
-    page.do("pointer_down")
     page.do("unknown")
     page.do("key_down", key="3")
     assert page.settle().shape == (64, 96, 3)
+
+
+NESTED = json.loads("[" * 900 + "]" * 900)
+MALFORMED = {
+    "no object": (None, [], "x", 1.5, NESTED),
+    "a size": [
+        {"event_type": "resize", "width": 96, "height": 64, **wrong}
+        for wrong in (
+            *({"width": each} for each in (0, -1, 1e-300, 1e308, math.inf, math.nan, 10**400, "x", None, NESTED)),
+            {"pixel_ratio": 0}, {"pixel_ratio": 1e308},
+        )
+    ],
+    "a point": [
+        {"event_type": kind, "x": 1, "y": 1, "dy": 1, "button": 1, "buttons": [1], "modifiers": [], **wrong}
+        for kind in ("pointer_down", "pointer_move", "double_click", "wheel")
+        for wrong in ({"x": math.inf}, {"y": 1e308}, {"y": math.nan}, {"modifiers": 1}, {"buttons": [None]})
+    ],
+    "fields left out": [{"event_type": kind} for kind in ("resize", "pointer_down", "wheel", "key_up", "set", "ask")],
+    "others": (
+        {"event_type": "frame_feedback", "index": math.inf},
+        {"event_type": "key_down", "key": ["w"]},
+        {"event_type": "key_down", "key": "w", "modifiers": [[]]},
+        {"event_type": "set", "name": "cut", "value": NESTED},
+        {"event_type": "set", "name": {}, "value": 1},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("events", MALFORMED.values(), ids=MALFORMED)
+def test_a_malformed_event_is_refused_by_one_line(page, events, capfd):
+    for event in events:
+        page.messages.clear()
+        page.session.handle(event)
+        (message,) = [each for each, _ in page.messages]
+        assert message["is_error"]
+        assert " must be " in message["text"]
+        assert len(message["text"]) < 200
+    page.do("key_down", key="1" * 5000)  # no key of a shading
+    page.do("key_down", key="3")
+    assert page.settle().shape == (64, 96, 3)
+    assert capfd.readouterr().err == ""
 
 
 def test_the_thread_survives_what_cannot_be_rendered(renderer, monkeypatch):
