@@ -204,9 +204,9 @@ def traffic(monkeypatch) -> list[int]:
         sizes.append(array.nbytes)
         write(self, buffer, array, **how)
 
-    def note_download(self, buffer, into):
+    def note_download(self, buffer, into, **how):
         sizes.append(into.nbytes)
-        download(self, buffer, into)
+        download(self, buffer, into, **how)
 
     monkeypatch.setattr(DeviceSession, "write", note_write)
     monkeypatch.setattr(DeviceSession, "download", note_download)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from typing import Any, Self
-from weakref import ref
+from weakref import WeakValueDictionary, ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,7 +133,8 @@ class DeviceSession(ContextManager):
         self.is_closed = False
         # Not their owner: a buffer that Ctrl-C keeps from its place is gone at once.
         self._buffers: set[ref[Any]] = set()
-        self._held: dict[int, NDArray[np.uint8]] = {}  # arrays of `hold_mapped` by their identity
+        # Arrays of `hold_mapped` by their identity; whoever refers to one holds its mapping.
+        self._held: WeakValueDictionary[int, NDArray[np.uint8]] = WeakValueDictionary()
         self._unfinished = ""  # the kernel whose errors the next wait may report
         with self._errors("be opened"):
             self.shared = shared or open_context(info)
@@ -224,11 +225,11 @@ class DeviceSession(ContextManager):
         self._buffers.discard(ref(buffer))
         buffer.release()
 
-    def download(self, buffer: Any, into: NDArray[Any]) -> None:
-        """Copy the beginning of a buffer into a contiguous array, filling it."""
+    def download(self, buffer: Any, into: NDArray[Any], *, begin: int = 0) -> None:
+        """Copy a buffer, from a byte of it on, into a contiguous array, filling it."""
         if into.nbytes:
             with self._errors(f"{self._unfinished}give back {into.nbytes / 1e6:,.1f} MB"):
-                event = self._cl.enqueue_copy(self.queue, into, buffer, is_blocking=True)
+                event = self._cl.enqueue_copy(self.queue, into, buffer, src_offset=begin, is_blocking=True)
             self._unfinished = ""
             self.times.note("download", event)
 
@@ -263,9 +264,10 @@ class DeviceSession(ContextManager):
                     self.times.note(label, array.base.release(self.queue))
 
     def hold_mapped(self, buffer: Any, size: int) -> NDArray[np.uint8]:
-        """Return the bytes of a buffer to read, until `end_mapping` or the end of the session.
+        """Return the bytes of a buffer to read, mapped until nothing refers to them, or until the end of the session.
 
-        Kernels may read the buffer meanwhile, but nothing may write to it.
+        Kernels may read the buffer meanwhile, but nothing may write to it. Two threads may not map one buffer at once:
+        PoCL 3.0 ends the oldest mapping at an address, be it one that another thread has only begun.
         """
         array, _ = self._map(buffer, self._cl.map_flags.READ, 0, size)
         self._held[id(array)] = array
@@ -277,12 +279,6 @@ class DeviceSession(ContextManager):
             mapped = self._cl.enqueue_map_buffer(self.queue, buffer, flags, begin, size, np.uint8, is_blocking=True)
         self._unfinished = ""
         return mapped
-
-    def end_mapping(self, array: NDArray[np.uint8]) -> None:
-        """Let an array of `hold_mapped` go, which nobody may use any more."""
-        if not is_inherited() and self._held.pop(id(array), None) is not None:
-            with self._errors("take back what it shared with the host"):
-                array.base.release(self.queue)  # type: ignore[union-attr]
 
     def finish(self) -> None:
         """Wait for all commands of this session: sessions on other queues may use what they have written."""
@@ -315,13 +311,15 @@ class DeviceSession(ContextManager):
         self.is_closed = True
         if not is_inherited():
             for array in list(self._held.values()):
-                self.end_mapping(array)
+                with self._errors("take back what it shared with the host"):
+                    array.base.release(self.queue)  # type: ignore[union-attr]
+            self._held.clear()
             for buffer in self._list_buffers():
                 self.release(buffer)
 
     def list_handles(self) -> list[Any]:
         """Return all that must outlive a fork; see `note_session`."""
-        return [*vars(self).values(), *self._list_buffers()]
+        return [*vars(self).values(), *self._held.values(), *self._list_buffers()]
 
     def _list_buffers(self) -> list[Any]:
         return [buffer for reference in list(self._buffers) if (buffer := reference()) is not None]

@@ -6,12 +6,16 @@ Owns the steps that meshes and spheres share. Must not know of either.
 from __future__ import annotations
 
 import sys
+from threading import Lock
 from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MeshError
+
+# PoCL 3.0 ends the oldest mapping at an address, be it one that another thread has only begun: one begins at a time.
+_mapping = Lock()
 
 # Devices of DLPack whose memory the host reads: its own, and what CUDA and ROCm have pinned there.
 _HOST_MEMORY = (1, 3, 11)
@@ -51,17 +55,27 @@ def on_host(values: Any) -> Any:
         raise TypeError(str(error)) from error
 
 
+def wait_for(array: Any) -> None:
+    """Wait for the commands that write an array on a device.
+
+    `Array.finish` forgets the events then, also those that another thread still waits for: a crash in the driver.
+    """
+    for event in list(array.events):
+        event.wait()
+
+
 def _map(array: Any) -> NDArray[Any]:
     """Return an array on a device as the host sees it: a CPU's memory is not copied."""
     cl = sys.modules["pyopencl"]
     if array.size == 0 or not isinstance(array.base_data, cl.MemoryObjectHolder):
         return array.get()
-    array.finish()
+    wait_for(array)
     ways = [(length - 1) * stride for length, stride in zip(array.shape, array.strides, strict=True)]
     begin, end = (array.offset + sum(bound(way, 0) for way in ways) for bound in (min, max))
     size, queue = end - begin + array.dtype.itemsize, array.queue or cl.CommandQueue(array.context)
     # The host gives it back when nothing refers to it.
-    mapped, _ = cl.enqueue_map_buffer(queue, array.base_data, cl.map_flags.READ, begin, size, np.uint8)
+    with _mapping:
+        mapped, _ = cl.enqueue_map_buffer(queue, array.base_data, cl.map_flags.READ, begin, size, np.uint8)
     return np.ndarray(array.shape, array.dtype, mapped, array.offset - begin, array.strides)
 
 

@@ -15,7 +15,7 @@ from ..device.program import build_kernels
 from ..device.select import choose_device
 from ..device.session import DeviceSession
 from ..geometry import Mesh, MeshLike, as_mesh
-from ..geometry.arrays import is_device_array
+from ..geometry.arrays import is_device_array, wait_for
 from ..geometry.local_frame import find_frame
 from ..geometry.mesh import MAX_FACE_COUNT
 
@@ -180,7 +180,7 @@ def _is_rows(array: Any, *dtypes: str) -> bool:
 
 def _copy(session: DeviceSession, array: Any) -> Any:
     """Return a new buffer with the numbers of an array, once those who write it are done."""
-    array.finish()
+    wait_for(array)
     buffer = session.allocate(array.nbytes)
     session.copy(array.base_data, buffer, array.nbytes, source_begin=array.offset)
     return buffer

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..device.context import check_process
 from ..device.program import build_kernel
-from ..geometry.arrays import is_device_array
+from ..geometry.arrays import is_device_array, wait_for
 from ..structs import EXACT_RAY, FAR_RADII, PACKED_RAY, RAY_LOW
 from ..support.say_once import say_once
 from .host.walk import mean_steps
@@ -47,7 +47,7 @@ def put_vectors(
     given = [each for each in vectors if is_device_array(each)]
     session.finish()
     for each in given:
-        each.finish()
+        wait_for(each)
         if each.queue is not None:
             each.queue.finish()
     reason = ""

@@ -251,6 +251,8 @@ class Tracer(RayQueries, PointQueries, PairQueries):
         for each in (first, *others):
             each.session.times = EventTimes()
         twin._start(first.beside(others), opening)
+        for each in twin._caster.all:
+            twin._changes_on[each.session].share(each.world)
         return twin
 
     def __repr__(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import pickle
 import threading
 import time
 
@@ -11,6 +12,7 @@ import pytest
 
 import clbvh
 from clbvh import MeshError, QueryError, SceneError
+from clbvh.support import opened
 from clbvh.trace.rays import pieces
 
 from ..profiles import is_long
@@ -147,6 +149,20 @@ def test_a_query_of_several_pieces_sees_one_state(monkeypatch):
     assert len(changed) >= 10
     found = [getattr(answer, name).tobytes() for name in ("t", "u", "v", "prim_id", "instance_id")]
     assert found == scene.expected[1, 0][index]
+
+
+def test_tracers_of_one_world_change_each_on_its_own():
+    """Two that arrived with the same world leave its buffers alone, also once nobody sees it any more."""
+    subject = MovingMesh()
+    arriving = pickle.dumps(clbvh.Tracer(subject.source))
+    tracers = [pickle.loads(arriving) for _ in range(2)]
+    opened._kept.clear()
+    expected = Moving(subject).expected
+    for state in range(1, STATES):
+        for tracer, moved in zip(tracers, (state, 0), strict=True):
+            tracer.update(subject.vertices[moved])
+        for tracer, moved in zip(tracers, (state, 0), strict=True):
+            assert [ask(tracer, *query) for query in subject.make_queries()] == expected[moved,]
 
 
 def test_a_change_that_fails_changes_nothing():

@@ -119,6 +119,10 @@ class Changes:
         self._growths[geometry_id] = growth
         return moved
 
+    def share(self, world: World) -> None:
+        """Leave the buffers of a world as they are, which other tracers see, too."""
+        self._retired.leave(world.trees)
+
     def retire(self, world: World, newer: World) -> None:
         """Keep what later queries do not need of a world, now that they see a newer one, for changes to come."""
         if newer.trees is not world.trees:

@@ -56,12 +56,11 @@ class Refit:
         owner, self._tree = trees.session, trees.trees[geometry_id]
         self._width = LAYOUT_WIDTHS[trees.layout]
         self._block_width = self._width if self._width > 2 else 1
-        with trees.mapped(session, geometry_id, write=False) as (nodes, blocks):
-            levels = find_levels(list_children(nodes))
-            prim_ids = blocks["prim_id"].reshape(-1).copy()
+        nodes, blocks = trees.download(session, geometry_id)
+        levels = find_levels(list_children(nodes))
         order = np.argsort(levels, kind="stable").astype(np.int32)
         self._launches = _plan_launches(np.bincount(levels), owner.info.kind)
-        self._order, self._prim_ids = owner.upload(order), owner.upload(prim_ids)
+        self._order, self._prim_ids = owner.upload(order), owner.upload(blocks["prim_id"])
         self._block_boxes = owner.allocate(self._tree.block_count * BOX_LANES * 4)
         self._node_boxes = owner.allocate(self._tree.node_count * BOX_LANES * 4)
 

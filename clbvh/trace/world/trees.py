@@ -7,12 +7,11 @@ is written there. Buffers that no world uses any more are written next, so a sha
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from threading import Lock
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
-from weakref import ref
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+from weakref import WeakSet, ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -367,17 +366,13 @@ class DeviceTrees:
                 sizes[name] += count * self.dtypes[name].itemsize
         return sizes
 
-    @contextmanager
-    def mapped(
-        self, session: DeviceSession, geometry_id: int, *, write: bool
-    ) -> Iterator[tuple[NDArray[np.void], NDArray[np.void]]]:
-        """Map the nodes and the blocks of a shape into the host's memory; see `DeviceSession.mapped`."""
-        nodes, blocks = (
-            session.mapped(self.buffers[name], count, self.dtypes[name], write=write, first=first)
-            for name, first, count in _list_arrays(self.trees[geometry_id])
-        )
-        with nodes as node_array, blocks as block_array:
-            yield node_array, block_array
+    def download(self, session: DeviceSession, geometry_id: int) -> list[NDArray[np.void]]:
+        """Return copies of the nodes and of the blocks of a shape: queries of other threads may map them."""
+        arrays = []
+        for name, first, count in _list_arrays(self.trees[geometry_id]):
+            arrays.append(array := np.empty(count, self.dtypes[name]))
+            session.download(self.buffers[name], array.view(np.uint8), begin=first * array.itemsize)
+        return arrays
 
     def on_host(self) -> WideArrays | None:
         """Return the tree of a lone mesh as the host sees it, without a copy; None if it does not, or not as lanes."""
@@ -441,44 +436,50 @@ def _list_arrays(tree: Tree) -> list[tuple[str, int, int]]:
 
 
 class HostView:
-    """The first tree of a device that shares its memory with the host, once a query has asked for it."""
+    """The first tree of a device that shares its memory with the host, once a query has asked for it.
+
+    Its mappings end with it, and so before a buffer of the trees is written again.
+    """
+
+    # One for all: trees may share a buffer, see `DeviceSession.hold_mapped`.
+    _lock: ClassVar[Lock] = Lock()
 
     def __init__(self) -> None:
-        self._lock = Lock()
         self._arrays: WideArrays | None = None
-        self._held: list[NDArray[np.uint8]] = []
 
     def open(self, trees: DeviceTrees) -> WideArrays:
         """Return the arrays; for calls that are running: they are valid until the last world with them is gone."""
         if self._arrays is None:
             with self._lock:
                 if self._arrays is None:
-                    sizes = trees._sizes()
-                    for name in ("nodes", "blocks"):
-                        self._held.append(trees.session.hold_mapped(trees.buffers[name], sizes[name]))
-                    nodes, blocks = self._held
+                    sizes, hold = trees._sizes(), trees.session.hold_mapped
+                    nodes, blocks = (hold(trees.buffers[name], sizes[name]) for name in ("nodes", "blocks"))
                     self._arrays = WideArrays.of(nodes, blocks, LAYOUT_WIDTHS[trees.layout], trees.stack_size)
         return self._arrays
-
-    def close(self, session: DeviceSession) -> None:
-        """Let the arrays go, which nobody may use any more."""
-        while self._held:
-            session.end_mapping(self._held.pop())
 
 
 class RetiredBuffers:
     """Buffers of earlier trees: those that no query uses any more may be written; for one change at a time."""
 
     def __init__(self) -> None:
-        # The trees, what they share with no newer ones (name, size, buffer), and their view; the oldest first.
-        self._retired: list[tuple[ref[DeviceTrees], list[tuple[str, int, Any]], HostView]] = []
+        # The trees, and what they share with no newer ones: name, size, buffer. The oldest first.
+        self._retired: list[tuple[ref[DeviceTrees], list[tuple[str, int, Any]]]] = []
         self._free: list[tuple[str, int, Any]] = []
+        self._shared: WeakSet[Any] = WeakSet()
+
+    def leave(self, trees: DeviceTrees) -> None:
+        """Never write the buffers of trees: other tracers see them, too."""
+        self._shared.update(trees.buffers.values())
 
     def add(self, trees: DeviceTrees, newer: DeviceTrees) -> None:
         """Keep the buffers of trees that newer ones do not share, for later."""
         sizes = trees._sizes()
-        own = [(name, sizes[name], each) for name, each in trees.buffers.items() if newer.buffers[name] is not each]
-        self._retired.append((ref(trees), own, trees._host_view))
+        own = [
+            (name, sizes[name], each)
+            for name, each in trees.buffers.items()
+            if newer.buffers[name] is not each and each not in self._shared
+        ]
+        self._retired.append((ref(trees), own))
 
     def take(self, session: DeviceSession, name: str, size: int) -> Any:
         """Return a buffer of a size: one that is free, or a new one. Other free ones of the name are released.
@@ -490,9 +491,7 @@ class RetiredBuffers:
         """
         # In order: trees may share buffers with older ones that a query still uses.
         while self._retired and self._retired[0][0]() is None:
-            _, own, view = self._retired.pop(0)
-            view.close(session)
-            self._free += own
+            self._free += self._retired.pop(0)[1]
         known = [each for each in self._free if each[0] == name]
         self._free = [each for each in self._free if each[0] != name]
         taken = next((buffer for _, known_size, buffer in known if known_size == size), None)
@@ -504,5 +503,5 @@ class RetiredBuffers:
     @property
     def memory_bytes(self) -> int:
         """Bytes of all buffers."""
-        retired = [each for _, own, _ in self._retired for each in own]
+        retired = [each for _, own in self._retired for each in own]
         return sum(size for _, size, _ in retired + self._free)

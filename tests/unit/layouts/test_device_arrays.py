@@ -140,8 +140,7 @@ def put(session, shape, plan, layout):
 
 def take(session, trees):
     """Return the arrays that a device has."""
-    with trees.mapped(session, 0, write=False) as (nodes, blocks):
-        return Arrays(nodes.copy(), blocks.copy(), trees.stack_size)
+    return Arrays(*trees.download(session, 0), trees.stack_size)
 
 
 def refit(session, bvh, layout, *shapes):
