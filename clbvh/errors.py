@@ -211,7 +211,7 @@ class AppearanceWarning(ClbvhWarning):
 
 
 class OpenMeshWarning(ClbvhWarning):
-    """A query about the inside of a mesh that is not closed.
+    """A query about the inside of a mesh that is not closed, or whose faces coincide in a way that closes nothing.
 
     Examples
     --------

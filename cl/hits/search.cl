@@ -19,6 +19,8 @@
 #define QUERY_COUNT 1
 // The first `max_count` crossings along the ray, in `heap`.
 #define QUERY_FIRST 2
+// The number of crossings with faces that are not in `surplus`.
+#define QUERY_PARITY 3
 
 // A hit in the heap.
 #if !LONE
@@ -57,6 +59,7 @@ typedef struct {
 #if COUNT_STEPS
     steps_t *steps;
 #endif
+    const global uint *surplus;  // a bit for each primitive, the first one in the lowest bit; NULL if all bits are 0
 } search_t;
 
 // Adds to a field of the steps. Other kernels have no code of it.
@@ -246,6 +249,9 @@ INLINED void add_crossing(search_t *search, const crossing_t crossing, const int
             search->nearest = crossing;
             search->count++;
         }
+    } else if (query == QUERY_PARITY) {
+        const int prim_id = crossing.prim_id;
+        search->count += !(search->surplus && (search->surplus[prim_id >> 5] >> (prim_id & 31) & 1));
     } else {
         search->count = keep_first(search->heap, search->count, search->max_count, as_kept_hit(search, &crossing));
     }

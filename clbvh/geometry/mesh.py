@@ -21,6 +21,7 @@ from ..support.compiled import compiled
 from ..support.memory import check_memory
 from .appearance.appearance import Appearance, check_fit
 from .arrays import as_array, check_numbers, copy_as_float64
+from .coincident import Coincidence, find_coincidence
 from .local_frame import LocalFrame, find_bounds, shift_and_scale
 from .scales import find_mesh_frame
 from .topology import find_points, find_vertex_normals, is_closed, measure_faces
@@ -252,14 +253,24 @@ class Mesh(LocalFrame):
         """Whether the surface encloses a volume: every edge belongs to two triangles, or to another even number.
 
         Vertices with equal `decisive_vertices` count as one, so a file may repeat them for each triangle. The
-        orientation of triangles does not matter. About 0.1 s for 871,306 triangles, once; and not again for the meshes
-        of `with_vertices` if the faces share vertices along all edges, which no movement can open.
+        orientation of triangles does not matter. Faces that coincide count as often as they are there or once, see
+        `Tracer.contains`. About 0.1 s for 871,306 triangles, once; and not again for the meshes of `with_vertices` if
+        the faces share vertices along all edges, which no movement can open.
         """
+        return self._is_even or bool(self.coincidence.is_closed)
+
+    @cached_property
+    def _is_even(self) -> bool:
         return self._is_joined or is_closed(find_points(self.decisive_vertices).ids[self.faces])
 
     @cached_property
     def _is_joined(self) -> bool:
         return is_closed(self.faces)
+
+    @cached_property
+    def coincidence(self) -> Coincidence:
+        """What faces with the same three corners mean for the inside."""
+        return find_coincidence(self.vertices, self.local_vertices, self.faces, lambda: self._is_even)
 
     @cached_property
     def bounds(self) -> NDArray[np.float64]:
@@ -306,9 +317,10 @@ class Mesh(LocalFrame):
         """(V, 3) float64: unit normals at the vertices: the mean of the faces around, weighted by their angles.
 
         On the side from which the corners of faces run anticlockwise. Vertices with equal coordinates share one, so a
-        file may repeat them for each triangle. Where the normals around cancel each other, it is that of the face with
-        the widest angle there; where no face around has an area, that of a neighbour along these faces. NaN for a
-        vertex in no face, see `loose_vertices`. Computed once; 24 bytes per vertex.
+        file may repeat them for each triangle; of faces that coincide, the first counts. Where the normals around
+        cancel each other, it is that of the face with the widest angle there; where no face around has an area, that of
+        a neighbour along these faces. NaN for a vertex in no face, see `loose_vertices`. Computed once; 24 bytes per
+        vertex.
 
         Examples
         --------
@@ -319,7 +331,7 @@ class Mesh(LocalFrame):
         >>> corner.vertex_normals[0].round(3)
         array([-0.577, -0.577, -0.577])
         """
-        return find_vertex_normals(self.vertices, self.faces, self.scale)
+        return find_vertex_normals(self.vertices, self.faces, self.scale, self.coincidence.repeated)
 
     @cached_property
     def fingerprint(self) -> bytes:

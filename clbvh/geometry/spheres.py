@@ -20,6 +20,7 @@ from ..support.memory import check_memory
 from .appearance.appearance import Appearance, check_fit, make_unchecked
 from .appearance.material import Material
 from .arrays import as_array, check_numbers, copy_as_float64
+from .coincident import NO_COINCIDENCE, Coincidence
 from .local_frame import LocalFrame, find_bounds, find_frame, shift_and_scale
 from .mesh import MAX_FACE_COUNT, Mesh
 from .scales import LEAST_SHARE
@@ -194,6 +195,11 @@ class Spheres(LocalFrame):
     def is_watertight(self) -> bool:
         """True: spheres enclose a volume."""
         return True
+
+    @property
+    def coincidence(self) -> Coincidence:
+        """Of no faces."""
+        return NO_COINCIDENCE
 
     @cached_property
     def local_box(self) -> NDArray[np.float32]:

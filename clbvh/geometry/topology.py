@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ _FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9]
 
 
 # An edge is two indices in 64 bits; this many bits are the larger one.
-_INDEX_BITS = 32
+INDEX_BITS = 32
 
 
 class EqualPoints(NamedTuple):
@@ -33,8 +33,8 @@ class EqualPoints(NamedTuple):
     ids: NDArray[np.int64]
 
 
-def find_equal_points(points: NDArray[np.floating]) -> EqualPoints:
-    """Find the groups of equal points among (n, 3) float32 or float64, in O(n log n).
+def find_equal_points(points: NDArray[Any]) -> EqualPoints:
+    """Find the groups of equal points among (n, 3) float32, float64 or int64, in O(n log n).
 
     0.0 and -0.0 differ.
     """
@@ -52,7 +52,7 @@ def find_equal_points(points: NDArray[np.floating]) -> EqualPoints:
 def _sort(bits: NDArray[np.unsignedinteger]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Return an order in which equal rows are neighbours, and where one differs from the row before."""
     # One key is sorted ten times as fast as three.
-    keys = _find_keys(bits)
+    keys = find_keys(bits)
     order = np.argsort(keys)
     is_new = _differ_from_before(bits[order])
     if (is_new != _differ_from_before(keys[order][:, None])).any():
@@ -62,7 +62,8 @@ def _sort(bits: NDArray[np.unsignedinteger]) -> tuple[NDArray[np.int64], NDArray
     return order, is_new
 
 
-def _find_keys(bits: NDArray[np.unsignedinteger]) -> NDArray[np.uint64]:
+def find_keys(bits: NDArray[np.unsignedinteger]) -> NDArray[np.uint64]:
+    """Return a number for each row of bits, (n, 3) uint32 or uint64; equal rows have equal ones."""
     wide = bits.astype(np.uint64)
     # Doubles that were floats end with zeros, which no product would mix.
     folded = wide ^ (wide >> np.uint64(32))
@@ -118,7 +119,9 @@ def measure_faces(vertices, faces, scale, begin, end, normals, angles):
 _LEAST_SHARE = 2.0**-40
 
 
-def find_vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32], scale: float) -> NDArray[np.float64]:
+def find_vertex_normals(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], scale: float, repeated: NDArray[np.int64]
+) -> NDArray[np.float64]:
     """Return (V, 3) float64: unit normals at the vertices; see `Mesh.vertex_normals`.
 
     The angle makes the normal independent of how a surface is cut into triangles: Thürmer and Wüthrich, "Computing
@@ -130,10 +133,13 @@ def find_vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32],
     faces : (F, 3) int32
     scale : float
         A power of two that brings the mesh to a size of about 1.
+    repeated : (n,) int64
+        Faces that do not count.
     """
     first, point_ids = find_points(vertices)
     face_normals, angles = np.empty((len(faces), 3)), np.empty((len(faces), 3))
     measure_faces(vertices, faces, scale, 0, len(faces), face_normals, angles)
+    angles[repeated] = 0.0
     corners, flat_angles = point_ids[faces], angles.ravel()
     weighted = (angles[..., None] * face_normals[:, None]).reshape(-1, 3)
     sums = np.stack([np.bincount(corners.ravel(), weights, len(first)) for weights in weighted.T], axis=1)
@@ -174,6 +180,6 @@ def is_closed(faces: NDArray[np.integer]) -> bool:
     """
     begins = faces.astype(np.int64)
     ends = np.roll(begins, -1, axis=1)
-    edges = np.sort((np.minimum(begins, ends) << _INDEX_BITS | np.maximum(begins, ends))[begins != ends])
+    edges = np.sort((np.minimum(begins, ends) << INDEX_BITS | np.maximum(begins, ends))[begins != ends])
     # Equal edges are neighbours now, and are pairs if there is an even number of each.
     return len(edges) % 2 == 0 and bool((edges[::2] == edges[1::2]).all())

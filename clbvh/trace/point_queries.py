@@ -170,11 +170,15 @@ class PointQueries(Moves):
         of them, and inside a scene if it is in one of the instances that it sees. On the surface, as far as float32 can
         tell, the answer is either. Parameters and errors are those of `closest_point`.
 
+        Faces with the same three corners, as in exports with both sides, count so that the surface is closed: once
+        where all faces that hang together are there twice, or where some are there once too often; as often as they are
+        there where they are the common wall of two solids.
+
         Warns
         -----
         OpenMeshWarning
-            Once for each tracer, if a mesh that is asked for is not closed (`Mesh.is_watertight`): the answer is not
-            defined.
+            Once for each tracer, if a mesh that is asked for is not closed (`Mesh.is_watertight`), not even when faces
+            that coincide count once, or has faces that nearly coincide: the answer may not be the one that is meant.
 
         Examples
         --------
@@ -321,14 +325,18 @@ class PointQueries(Moves):
         """Warn once that a mesh has no inside, on behalf of the public method `query`."""
         if self._has_warned:
             return
-        shapes = caster.world.shapes_of(seen.instance_ids)
-        shape = next((shape for shape in shapes if not shape.is_watertight), None)
-        if shape is None:
+        for shape in caster.world.shapes_of(seen.instance_ids):
+            if not shape.is_watertight:
+                reason = "is not closed, so it has no inside: the answer of {} is not defined where a ray can leave "
+                reason += "through a hole"
+            elif shape.coincidence.is_closed is False:
+                reason = "has faces that coincide, and encloses nothing where each of them counts once: points there "
+                reason += "are outside for {}"
+            elif shape.coincidence.has_shifted:
+                reason = "has faces that nearly coincide with others: {} counts each of them, so the answer is not "
+                reason += "defined if they are meant to be the same; merge their vertices first"
+            else:
+                continue
+            self._has_warned = True
+            warnings.warn(f"{shape.name} {reason.format(query)}", OpenMeshWarning, stacklevel=3)
             return
-        self._has_warned = True
-        warnings.warn(
-            f"{shape.name} is not closed, so it has no inside: the answer of {query} is not defined where a ray "
-            "can leave through a hole",
-            OpenMeshWarning,
-            stacklevel=3,
-        )

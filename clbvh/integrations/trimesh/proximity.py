@@ -86,6 +86,7 @@ class ProximityQuery:
         """
         mesh, vectors = self._mesh, read_points(points)
         closest = self._find_closest(vectors)
+        doubled = self._find_tracer().ask(mesh, lambda _, known: known.mesh.coincidence.faces)
         distance = closest.distance.copy()
         away = np.flatnonzero(distance > tol.merge)
 
@@ -97,9 +98,10 @@ class ProximityQuery:
             feet = vectors[away] - normals * height[:, None]
             weights = trimesh.triangles.points_to_barycentric(mesh.triangles[prim_id], feet)
         is_over = ((weights >= -tol.merge) & (weights <= 1 + tol.merge)).all(axis=1)
+        is_over &= ~np.isin(prim_id, doubled)
         distance[away[is_over]] *= -np.sign(height[is_over])
 
-        # The others are nearest to an edge or a vertex.
+        # The others are nearest to an edge or a vertex, or to faces that coincide, perhaps with opposite normals.
         beside = away[~is_over]
         if len(beside):
             engine = RayMeshIntersector(mesh, **self._found_options()._asdict())
@@ -229,8 +231,8 @@ def signed_distance(mesh: Any, points: ArrayLike) -> NDArray[np.float64]:
     Notes
     -----
     As in trimesh, a point above or below the interior of its closest face is outside if that face's normal points
-    towards it, so the side is defined near open meshes, too. The sign of the others is that of
-    `RayMeshIntersector.contains_points`. Up to ``trimesh.tol.merge`` from the surface the distance is positive.
+    towards it, so the side is defined near open meshes, too. The sign of the others, and near faces that coincide, is
+    that of `RayMeshIntersector.contains_points`. Up to ``trimesh.tol.merge`` from the surface the distance is positive.
 
     Examples
     --------

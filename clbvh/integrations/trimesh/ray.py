@@ -173,10 +173,10 @@ class RayEngine:
 
         Notes
         -----
-        A point is inside when rays from it in two opposite directions leave the mesh an odd number of times. In a
-        closed mesh they always agree. Where they do not, a point from which one of them meets nothing is outside, and
-        the others get another pair of rays. In a scene each node is asked on its own, so a point in two meshes that
-        overlap is inside.
+        A point is inside when rays from it in two opposite directions leave the mesh an odd number of times; faces that
+        coincide count as in `Tracer.contains`. In a closed mesh the two always agree. Where they do not, a point from
+        which one of them meets nothing is outside, and the others get another pair of rays. In a scene each node is
+        asked on its own, so a point in two meshes that overlap is inside.
 
         Examples
         --------
@@ -217,13 +217,17 @@ class RayEngine:
         self, points: NDArray[np.float64], chosen: NDArray[np.int64], direction: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.integer], NDArray[np.integer]]:
         """Return pairs ``point << 32 | node`` for chosen points, and how often rays there and back meet the node."""
-        query = "all_hits" if self._is_scene else "count_hits"
+        surplus = self._tracer.ask(self._thing, lambda tracer, _: tracer._caster.world.surplus)
+        query = "count_hits" if not self._is_scene and surplus is None else "all_hits"
         there, back = (self._cast(query, (points[chosen], way[None])) for way in (direction, -direction))
-        if not self._is_scene:
+        if query == "count_hits":
             return chosen << 32, there, back
-        met = [(chosen[hits.ray_id] << 32) | hits.instance_id for hits in (there, back)]
+        met = []
+        for hits in (there, back):
+            found = (chosen[hits.ray_id] << 32) | hits.instance_id
+            met.append(found if surplus is None else found[~surplus.holds(hits.prim_id, hits.instance_id)])
         pairs, index = np.unique(np.concatenate(met), return_inverse=True)
-        ahead, behind = (np.bincount(each, minlength=len(pairs)) for each in np.split(index, [len(there)]))
+        ahead, behind = (np.bincount(each, minlength=len(pairs)) for each in np.split(index, [len(met[0])]))
         return pairs, ahead, behind
 
     def _cast(self, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
@@ -265,8 +269,9 @@ class RayMeshIntersector(RayEngine):
 
     Notes
     -----
-    One hit per point of the surface, however many triangles meet there; hits are found by one traversal, never by
-    casting again from where the last one was. Rays without direction, or that are not finite, hit nothing.
+    One hit per point of the surface, however many triangles meet there; of faces that coincide, one of each. Hits are
+    found by one traversal, never by casting again from where the last one was. Rays without direction, or that are not
+    finite, hit nothing.
 
     Any number of threads may use one object, as long as none changes the mesh meanwhile. All engines of one mesh with
     the same options share one tree; the device's memory goes back with the last engine, or by `close`.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -106,9 +107,9 @@ class Search(NamedTuple):
         """Return the search of a call that is open."""
         return cls(call, *call.world.metrics.on(call.caster.session, call.session))
 
-    def find(self, query: Query, piece: Piece, batch: Batch, found: FoundPoints) -> None:
+    def find(self, query: Query, piece: Piece, batch: Batch, found: FoundPoints, **arguments: Any) -> None:
         """Write the points of the primitives that a query finds."""
-        with self.call.cast(query, batch, metrics=self.buffer) as prims:
+        with self.call.cast(query, batch, metrics=self.buffer, **arguments) as prims:
             self.refine(piece.points, piece.order, prims, found, piece.order)
 
     def refine(
@@ -170,12 +171,12 @@ def find_contained(caster: Caster, seen: SeenPoints, progress: Progress | None =
         box = call.world.box
         for piece in cut_pieces(call, seen, part, progress):
             order = piece.order[find_in_box(piece.points, box, box.half * _BOX_GROWTH)[piece.order]]
-            if call.on_host(len(order)):
+            if call.world.surplus is None and call.on_host(len(order)):
                 rays, shape = read_rays(piece.points[order], GENERIC_DIRECTIONS[0], 0.0, np.inf)
                 is_odd = count_hits(call.caster, rays, shape, None, None) % 2 == 1
                 is_inside[piece.begin + order] = is_odd & (piece.masks[order if len(piece.masks) > 1 else 0] != 0)
             elif len(order):
-                with call.cast(_INSIDE, pack_points(call, piece.points, piece.masks, order)) as inside:
+                with _cast_inside(call, pack_points(call, piece.points, piece.masks, order)) as inside:
                     is_inside[piece.begin + order] = inside
 
     cast_ranges(caster, seen.point_count, partial(cast, seen), progress)
@@ -196,11 +197,11 @@ def find_signed_distances(caster: Caster, seen: SeenPoints, progress: Progress |
             search.find(CLOSEST_POINT, piece, batch, near)
             own[:] = -near.distance
             if not call.world.is_lone:
-                search.find(_DEPTH, piece, batch, near)
+                search.find(_DEPTH, piece, batch, near, **_put_surplus(call))
                 is_inside = near.prim_id != NO_PRIM
             else:
                 is_inside = find_in_box(piece.points, box, box.half * _BOX_GROWTH)
-                with call.cast(_INSIDE, batch) as inside:
+                with _cast_inside(call, batch) as inside:
                     is_inside[piece.order] &= inside.view(np.bool_)
             own[is_inside] = near.distance[is_inside]
 
@@ -217,11 +218,22 @@ def find_deepest_instances(caster: Caster, seen: SeenPoints) -> NDArray[np.int32
         search = Search.begin(call)
         for piece in cut_pieces(call, seen, part, progress):
             batch = pack_points(call, piece.points, piece.masks, piece.order)
-            with call.cast(_DEPTH, batch, metrics=search.buffer) as prims:
+            with call.cast(_DEPTH, batch, metrics=search.buffer, **_put_surplus(call)) as prims:
                 deepest[piece.begin + piece.order] = prims["instance_id"]
 
     cast_ranges(caster, seen.point_count, partial(cast, seen), None)
     return deepest
+
+
+def _cast_inside(call: Call, batch: Batch) -> AbstractContextManager[NDArray[Any]]:
+    return call.cast(_INSIDE, batch, **_put_surplus(call))
+
+
+def _put_surplus(call: Call) -> dict[str, Any]:
+    """Return the arguments of cl/world/inside.cl that say which faces do not count."""
+    surplus = call.world.surplus
+    names = ("surplus", "first_surplus")
+    return dict.fromkeys(names) if surplus is None else {n: call.put(n, a) for n, a in zip(names, surplus, strict=True)}
 
 
 def cut_pieces(

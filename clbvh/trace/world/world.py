@@ -24,6 +24,7 @@ from .exact import NOT_EXACT, put_exact_arrays, spans_scales
 from .metrics import LazyMetrics
 from .refine_buffers import RefineBuffers
 from .surface_arrays import SurfaceArrays, lone_arrays, make_surface_arrays, move_instances
+from .surplus import Surplus
 from .top_tree import TopTree
 from .tree_box import TreeBox
 from .trees import BRUTE, DeviceTrees, NewTree, WideArrays, check_layout, choose_layout
@@ -143,6 +144,11 @@ class World:
     def most_hits(self) -> int:
         """Most hits that a ray can have: one with each triangle, two with each sphere."""
         return self.state.placed_prim_count * (1 if self.mesh is not None else 2)
+
+    @cached_property
+    def surplus(self) -> Surplus | None:
+        """The faces that a count of hits leaves out to tell the inside, if there are any."""
+        return Surplus.find(self.state)
 
     def on_host(self) -> WideArrays | None:
         """Return the tree as the host sees it, for calls that are running; None where it does not."""
@@ -274,4 +280,6 @@ def _put_exact(
 
 def with_instances(world: World, top_buffers: dict[str, Any]) -> World:
     """Return the world with other arrays of the tree over the instances: of some of them, see `prune_top`."""
-    return replace(world, top_buffers=top_buffers)
+    chosen = replace(world, top_buffers=top_buffers)
+    vars(chosen)["surplus"] = world.surplus  # cached: it is that of all instances
+    return chosen
