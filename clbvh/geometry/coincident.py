@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..support.compiled import compiled
-from .topology import INDEX_BITS, find_equal_points, find_keys, find_points
+from .topology import FACTORS, INDEX_BITS, find_equal_points, find_points
 
 # Corners in the same cell of this size, in local units, are as near as float32 tells apart at the rim of the mesh.
 _CELLS = np.float32(2.0**24)
@@ -30,9 +30,6 @@ _FEW = 8
 # Keys of points are mixed before those of a face's corners are added: on a grid, many sums of plain ones are equal. As
 # in the generator SplitMix64 (Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014).
 _MIX_SHIFT, _MIX_FACTOR = np.uint64(30), np.uint64(0xBF58476D1CE4E5B9)
-
-# Takes the sign from -0.0.
-_ZERO = np.float32(0.0)
 
 
 class Coincidence(NamedTuple):
@@ -82,15 +79,11 @@ def find_coincidence(
 
     Notes
     -----
-    About 20 ms for 871,306 faces, few of which coincide; 1 us a face where many do.
+    About 11 ms for 871,306 faces none of which coincide, 50 ms where few do, and 1.2 us a face where most do.
     """
     # Coincident faces have equal keys, and so have shifted copies. Hardly any others have, and these are compared.
-    cells = np.rint(local_vertices * _CELLS) + _ZERO
-    keys = find_keys(cells.view(np.uint32))
-    keys = (keys ^ (keys >> _MIX_SHIFT)) * _MIX_FACTOR
-    keys ^= keys >> _MIX_SHIFT
-    face_keys = np.empty(len(faces), np.uint64)
-    _add_keys(keys, faces, face_keys)
+    keys, face_keys = np.empty(len(vertices), np.uint64), np.empty(len(faces), np.uint64)
+    _find_keys(local_vertices, faces, keys, face_keys)
     sorted_keys = np.sort(face_keys)
     repeated_keys = sorted_keys[1:][sorted_keys[1:] == sorted_keys[:-1]]
     if len(repeated_keys) == 0:
@@ -112,6 +105,7 @@ def find_coincidence(
         ids[is_used] = find_points(points[is_used]).ids
         return ids[near_faces]
 
+    cells = np.rint(local_vertices * _CELLS)
     first, ids = find_equal_points(np.sort(find_ids(vertices), axis=1))
     has_shifted = _has_shifted(cells[near_faces[first]], find_ids(cells)[first])
     counts = np.bincount(ids, minlength=len(first))
@@ -177,9 +171,15 @@ def _choose_parities(
     return is_odd, not (is_open & is_open_once).any()
 
 
-@compiled
-def _add_keys(keys, faces, face_keys):
-    """Write the sum of the keys at the corners of each face."""
+@compiled(error_model="numpy")
+def _find_keys(local_vertices, faces, keys, face_keys):
+    """Write a key of the cell of each vertex, and the sum of the keys at the corners of each face."""
+    for vertex in range(len(local_vertices)):
+        key = np.uint64(0)
+        for axis in range(3):
+            key += np.uint64(np.int64(np.rint(local_vertices[vertex, axis] * _CELLS))) * FACTORS[axis]
+        key = (key ^ (key >> _MIX_SHIFT)) * _MIX_FACTOR
+        keys[vertex] = key ^ (key >> _MIX_SHIFT)
     for face in range(len(faces)):
         face_keys[face] = keys[faces[face, 0]] + keys[faces[face, 1]] + keys[faces[face, 2]]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..support.compiled import compiled
 
 # Odd numbers without a pattern.
-_FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
 
 
 # An edge is two indices in 64 bits; this many bits are the larger one.
@@ -52,7 +52,7 @@ def find_equal_points(points: NDArray[Any]) -> EqualPoints:
 def _sort(bits: NDArray[np.unsignedinteger]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Return an order in which equal rows are neighbours, and where one differs from the row before."""
     # One key is sorted ten times as fast as three.
-    keys = find_keys(bits)
+    keys = _find_keys(bits)
     order = np.argsort(keys)
     is_new = _differ_from_before(bits[order])
     if (is_new != _differ_from_before(keys[order][:, None])).any():
@@ -62,12 +62,11 @@ def _sort(bits: NDArray[np.unsignedinteger]) -> tuple[NDArray[np.int64], NDArray
     return order, is_new
 
 
-def find_keys(bits: NDArray[np.unsignedinteger]) -> NDArray[np.uint64]:
-    """Return a number for each row of bits, (n, 3) uint32 or uint64; equal rows have equal ones."""
+def _find_keys(bits: NDArray[np.unsignedinteger]) -> NDArray[np.uint64]:
     wide = bits.astype(np.uint64)
     # Doubles that were floats end with zeros, which no product would mix.
     folded = wide ^ (wide >> np.uint64(32))
-    return np.asarray((folded * _FACTORS).sum(axis=1, dtype=np.uint64))
+    return np.asarray((folded * FACTORS).sum(axis=1, dtype=np.uint64))
 
 
 def _differ_from_before(rows: NDArray[np.unsignedinteger]) -> NDArray[np.bool_]:

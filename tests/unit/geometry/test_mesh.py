@@ -92,8 +92,8 @@ def test_degenerate_triangles_are_kept_and_found():
 
 
 def test_equal_points_are_found_as_a_dictionary_would(monkeypatch):
-    for factors in (topology._FACTORS, np.array([1, 1, 1], np.uint64)):  # the second gives many the same key
-        monkeypatch.setattr(topology, "_FACTORS", factors)
+    for factors in (topology.FACTORS, np.array([1, 1, 1], np.uint64)):  # the second gives many the same key
+        monkeypatch.setattr(topology, "FACTORS", factors)
         for dtype in (np.float32, np.float64):
             points = np.random.default_rng(0).integers(0, 4, (200, 3)).astype(dtype) / 3
             numbers: dict[bytes, int] = {}
