@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..appearance.appearance import Appearance, find_flat_normals, turn_corners
+from ..appearance.appearance import Appearance, find_flat_normals, make_unchecked, turn_corners
 from ..appearance.material import Material
 from ..local_frame import is_singular
 from ..mesh import Mesh, Part, check_face_count
@@ -113,10 +113,19 @@ def split_parts(read: FileMesh | FileParts) -> FileParts:
         if not own_ranges:
             continue
         ids = np.concatenate(own_ranges)
-        looks = None if read.appearance is None else read.appearance.select(ids)
+        looks = None if read.appearance is None else _drop_unused(read.appearance.select(ids))
         flat_faces = None if read.flat_faces is None else read.flat_faces[ids]
         meshes.append(drop_loose_vertices(FileMesh(name, read.vertices, read.faces[ids], looks, flat_faces)))
     return FileParts(meshes, [FileNode(mesh.name, number, np.eye(4)) for number, mesh in enumerate(meshes)])
+
+
+def _drop_unused(looks: Appearance) -> Appearance:
+    """Return looks with the materials that faces have, in their order: of thousands in a file, a part has a few."""
+    if looks.material_ids is None:
+        return looks
+    used, ids = np.unique(looks.material_ids, return_inverse=True)
+    materials = tuple(looks.materials[number] for number in used.tolist())
+    return make_unchecked(**(vars(looks) | {"materials": materials, "material_ids": ids.astype(np.int32)}))
 
 
 def drop_loose_vertices(mesh: FileMesh) -> FileMesh:

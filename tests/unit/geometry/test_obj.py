@@ -232,4 +232,5 @@ def test_parts_keep_the_looks_of_their_faces(load, tmp_path):
     first, second = (geometry.shape.appearance for geometry in scene.geometries)
     np.testing.assert_array_equal(first.uvs, PAIRS[[[0, 1, 2], [1, 2, 3]]])
     np.testing.assert_array_equal(second.uvs, PAIRS[[[3, 2, 1]]])
-    assert [looks.material_ids.tolist() for looks in (first, second)] == [[0, 1], [1]]
+    assert [looks.material_ids.tolist() for looks in (first, second)] == [[0, 1], [0]]
+    assert [[each.name for each in looks.materials] for looks in (first, second)] == [["red", "blue"], ["blue"]]
