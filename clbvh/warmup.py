@@ -37,9 +37,10 @@ def list_work(device: clbvh.DeviceInfo) -> Iterator[Work]:
     yield "files, refit and measures of a tree", partial(_use_tree, mesh)
     spheres = clbvh.Scene(clbvh.Spheres(mesh.vertices[::20], 0.05))
     scene = clbvh.Scene()
-    knot = scene.add(mesh)
-    for shape in (knot, knot, scene.add(clbvh.Spheres([[0.0, 0.0, 2.0]], 0.5))):
-        scene.place(shape)
+    # Many of each kind: the trees of small shapes are built together.
+    small, ball = clbvh.make_shape("icosphere", triangles=20), clbvh.Spheres([[0.0, 0.0, 2.0]], 0.5)
+    for geometry in (*map(scene.add, 2 * [mesh] + 16 * [small]), *map(scene.add, 16 * [ball])):
+        scene.place(geometry)
     for shading in SHADINGS:
         yield f"picture, {shading}", partial(_draw, mesh, device, shading)
     yield "picture of a scene", partial(_draw, scene, device, "studio")

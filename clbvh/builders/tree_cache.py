@@ -10,6 +10,7 @@ import dataclasses
 import hashlib
 import json
 import os
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,7 @@ from ..errors import ConfigError, TreeFileError
 from ..geometry import Shape
 from ..support.folders import __version__, find_cache
 from ..support.stopwatch import Stopwatch
-from .build import build_tree, choose_workers
+from .build import build_small_shapes, build_tree, choose_workers
 from .options import FAST_QUALITY, BuildOptions
 from .tree_options import TreeOptions
 
@@ -101,6 +102,26 @@ def get_tree(shape: Shape, options: TreeOptions, device: DeviceInfo | str | int 
             watch.lap("cache")
     timings_ms = {phase: watch.laps_ms.get(phase, 0.0) for phase in ("cache", "build")}
     return BuildResult(bvh, workers, from_cache, timings_ms, tuple(filter(None, notes)))
+
+
+def get_trees(
+    shapes: Sequence[Shape], find_options: Callable[[Shape], TreeOptions], device: DeviceInfo | str | int | None = None
+) -> list[BuildResult]:
+    """Return the trees over shapes, as `get_tree` does with the options of each one.
+
+    But those of many small shapes are in no cache: they are built in less time than files are opened.
+    """
+    watch = Stopwatch()
+    shared = find_options(shapes[0])
+    small = build_small_shapes(shapes, shared.builder, lambda shape: find_options(shape).build, shared.workers)
+    watch.lap("build")
+    timings_ms = {"cache": 0.0, "build": watch.total_ms / max(1, len(small))}
+    return [
+        BuildResult(small[number], 1, False, timings_ms)
+        if number in small
+        else get_tree(shape, find_options(shape), device)
+        for number, shape in enumerate(shapes)
+    ]
 
 
 def find_tree_cache() -> Path:

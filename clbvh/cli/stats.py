@@ -69,7 +69,7 @@ def stats(
     """
     from ..builders.build import leaf_limit
     from ..builders.options import FAST_QUALITY, MAX_DEPTH
-    from ..builders.tree_cache import get_tree
+    from ..builders.tree_cache import get_trees
     from ..bvh import validate_tree
     from ..device.select import choose_device
     from ..errors import ConfigError
@@ -98,7 +98,7 @@ def stats(
         if is_given and mesh is None:
             raise ConfigError(f"{option} measures the tree of one mesh, and {source} has several objects")
 
-    made = [get_tree(shape, wanted, info) for shape in (state.shapes if mesh is None else [mesh])]
+    made = get_trees(state.shapes if mesh is None else [mesh], lambda _: wanted, info)
     watch.lap("build")
     if validate:
         for each in made:

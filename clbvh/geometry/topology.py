@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..support.compiled import compiled
 
 # Odd numbers without a pattern.
-FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0x27D4EB2F165667C5], np.uint64)
 
 
 # An edge is two indices in 64 bits; this many bits are the larger one.
@@ -34,7 +34,7 @@ class EqualPoints(NamedTuple):
 
 
 def find_equal_points(points: NDArray[Any]) -> EqualPoints:
-    """Find the groups of equal points among (n, 3) float32, float64 or int64, in O(n log n).
+    """Find the groups of equal points among (n, 3) float32, float64 or int64, or (n, 4), in O(n log n).
 
     0.0 and -0.0 differ.
     """
@@ -66,7 +66,7 @@ def _find_keys(bits: NDArray[np.unsignedinteger]) -> NDArray[np.uint64]:
     wide = bits.astype(np.uint64)
     # Doubles that were floats end with zeros, which no product would mix.
     folded = wide ^ (wide >> np.uint64(32))
-    return np.asarray((folded * FACTORS).sum(axis=1, dtype=np.uint64))
+    return np.asarray((folded * FACTORS[: bits.shape[1]]).sum(axis=1, dtype=np.uint64))
 
 
 def _differ_from_before(rows: NDArray[np.unsignedinteger]) -> NDArray[np.bool_]:
@@ -76,7 +76,7 @@ def _differ_from_before(rows: NDArray[np.unsignedinteger]) -> NDArray[np.bool_]:
 
 
 def find_points(vertices: NDArray[np.floating]) -> EqualPoints:
-    """Find the vertices with equal coordinates among (V, 3), whatever the sign of their zeros."""
+    """Find the vertices with equal coordinates among (V, 3) or (V, 4), whatever the sign of their zeros."""
     return find_equal_points(vertices + 0.0)
 
 

@@ -6,6 +6,7 @@ boxes of both children.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeGuard, cast
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from ..bvh.bvh import Bvh
 from ..geometry import Mesh, Shape
 from ..geometry.corners import Bounded
+from ..geometry.joined_shapes import batch_small
 from ..structs import (
     BVH2_COUNT,
     BVH2_FIRST,
@@ -34,7 +36,8 @@ from ..support.compiled import compiled
 from ..support.host_threads import HostThreads
 from .leaf_blocks import LeafBlocks, block_struct
 from .shared_blocks import SharedBlocks
-from .wide import widen
+from .small_trees import widen_small
+from .wide import WideTree, widen
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +78,29 @@ def make_device_arrays(bvh: Bvh, layout: str) -> DeviceArrays:
     if width == 2:
         return DeviceArrays(make_bvh2_nodes(bvh), LeafBlocks(shape, bvh.prim_ids.reshape(-1, 1)), bvh.depth)
     with HostThreads() as threads:
-        tree = widen(bvh, width, threads)
-        blocks: LeafBlocks | SharedBlocks = LeafBlocks(shape, tree.blocks)
-        if has_shared_blocks(shape, layout):
-            blocks = SharedBlocks.make(shape, tree.blocks, tree.nodes["child"], threads)
+        return _of_wide(shape, widen(bvh, width, threads), layout, threads)
+
+
+def make_all_arrays(bvhs: Sequence[Bvh], layout: str) -> list[DeviceArrays]:
+    """Return what `make_device_arrays` does of each tree; many small ones take less time together."""
+    small: dict[int, DeviceArrays] = {}
+    width = LAYOUT_WIDTHS[layout]
+    if width > 2:
+        with HostThreads() as threads:
+            for batch in batch_small([bvh.shape for bvh in bvhs]):
+                wide = widen_small([bvhs[number] for number in batch], width)
+                for number, tree in zip(batch, wide, strict=True):
+                    small[number] = _of_wide(cast(Shape, bvhs[number].shape), tree, layout, threads)
+    return [small.get(number) or make_device_arrays(bvh, layout) for number, bvh in enumerate(bvhs)]
+
+
+def _of_wide(shape: Shape, tree: WideTree, layout: str, threads: HostThreads) -> DeviceArrays:
+    blocks: LeafBlocks | SharedBlocks = LeafBlocks(shape, tree.blocks)
+    if has_shared_blocks(shape, layout):
+        blocks = SharedBlocks.make(shape, tree.blocks, tree.nodes["child"], threads)
     # An entry point, see cl/traversal/entry_point.cl, can push up to width - 1 children that a descent from the root
     # would not push.
-    return DeviceArrays(tree.nodes, blocks, tree.stack_size + width - 1)
+    return DeviceArrays(tree.nodes, blocks, tree.stack_size + LAYOUT_WIDTHS[layout] - 1)
 
 
 def has_shared_blocks(shape: Bounded, layout: str) -> TypeGuard[Mesh]:

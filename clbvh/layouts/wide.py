@@ -11,6 +11,7 @@ subtrees whose leaves fill blocks.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -96,21 +97,23 @@ def widen(bvh: Bvh, width: int, threads: HostThreads) -> WideTree:
     # The top comes first: the sizes of the subtrees say where each of them begins.
     roots, *top_size = _cut_wide(tree, subtrees)
     roots.sort()  # here: numba takes 1.2 s to compile it
-    sizes = np.array(threads.run(_count_subtree, [(tree, root) for root in roots.tolist()]), np.int32).reshape(-1, 2)
+    sizes = np.array(threads.run(count_subtree, [(tree, root) for root in roots.tolist()]), np.int32).reshape(-1, 2)
     node_count, block_count = np.sum(sizes, axis=0) + top_size
     wide_nodes, blocks = np.empty(node_count, WIDE_NODES[width]), np.empty((block_count, width), np.int32)
     lanes = wide_nodes.view(np.float32).reshape(node_count, -1)
     output = lanes, lanes.view(np.int32), blocks
-    starts = np.empty((len(roots), len(_ROOT_START)), np.int32)
-    stack_size = _write_nodes(tree, _ROOT_START, roots, sizes, starts, *output)
-    none = np.empty(0, np.int32), np.empty((0, 2), np.int32), np.empty((0, len(_ROOT_START)), np.int32)
-    stack_sizes = threads.run(_write_nodes, [(tree, start, *none, *output) for start in starts])
+    starts = np.empty((len(roots), len(ROOT_START)), np.int32)
+    stack_size = write_nodes(tree, ROOT_START, roots, sizes, starts, *output)
+    stack_sizes = threads.run(write_nodes, [(tree, start, *NO_STARTS, *output) for start in starts])
     return WideTree(wide_nodes, blocks, max([stack_size, *stack_sizes]))
 
 
 # Where a subtree of the wide tree begins: its binary node, its wide node, the next wide node and the next block, and
 # the entries on the stack above it.
-_ROOT_START = np.array([0, 0, 1, 0, 0], np.int32)
+ROOT_START = np.array([0, 0, 1, 0, 0], np.int32)
+
+# Of a subtree that is not cut any more: no roots in it, their sizes, and where they start.
+NO_STARTS = np.empty(0, np.int32), np.empty((0, 2), np.int32), np.empty((0, len(ROOT_START)), np.int32)
 
 
 @compiled
@@ -137,7 +140,7 @@ def _cut_wide(tree, count):
 
 
 @compiled
-def _count_subtree(tree, root):
+def count_subtree(tree, root):
     """Return the numbers of nodes and blocks of a subtree of the wide tree."""
     pending = np.empty(_FIRST_STACK_SIZE, np.int32)
     children, stack = np.empty(tree.width, np.int32), np.empty((tree.width + 1, 2), np.int32)
@@ -159,14 +162,14 @@ def _count_subtree(tree, root):
 
 
 @compiled
-def _write_nodes(tree, start, roots, sizes, starts, wide_nodes, wide_ints, blocks):
+def write_nodes(tree, start, roots, sizes, starts, wide_nodes, wide_ints, blocks):
     """Write the wide nodes and the blocks from a node down to some subtrees.
 
     Parameters
     ----------
     tree : BinaryTree
     start : (5,) int32
-        See `_ROOT_START`.
+        See `ROOT_START`.
     roots : (k,) int32, ascending
         Binary nodes of subtrees that are left out.
     sizes : (k, 2) int32
@@ -260,9 +263,15 @@ _BLOCK_PRICE = 20.0
 
 def block_price(shape: Bounded) -> np.float32:
     """Return what a block costs besides its area, in units of that: for trees over this shape."""
-    lower, upper = shape.local_box.astype(np.float64)
-    x, y, z = upper - lower
-    return np.float32(_BLOCK_PRICE * (x * y + y * z + z * x) / shape.prim_count)
+    return np.float32(block_prices([shape])[0])
+
+
+def block_prices(shapes: Sequence[Bounded]) -> NDArray[np.float32]:
+    """Return the `block_price` of each shape."""
+    boxes = np.array([shape.local_box for shape in shapes], np.float64)
+    x, y, z = (boxes[:, 1] - boxes[:, 0]).T
+    counts = np.array([shape.prim_count for shape in shapes])
+    return (_BLOCK_PRICE * (x * y + y * z + z * x) / counts).astype(np.float32)
 
 
 def _choose_children(tree: BinaryTree, block_price: np.float32, threads: HostThreads) -> None:
@@ -276,13 +285,13 @@ def _choose_children(tree: BinaryTree, block_price: np.float32, threads: HostThr
     rows = costs, most, prim_counts
     # In a depth-first order few subtrees lie across the ends of ranges. They come last.
     threads.for_ranges(
-        count, lambda begin, end: _choose_range(tree, block_price, begin, end, *rows), least_items=_LEAST_NODES
+        count, lambda begin, end: choose_range(tree, block_price, begin, end, *rows), least_items=_LEAST_NODES
     )
-    _choose_range(tree, block_price, 0, count, *rows)
+    choose_range(tree, block_price, 0, count, *rows)
 
 
 @compiled
-def _choose_range(tree, block_price, begin, end, costs, most, prim_counts):
+def choose_range(tree, block_price, begin, end, costs, most, prim_counts):
     """Choose for the nodes of a range whose subtrees lie in it, except for those for which it is done.
 
     Parameters

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..builders.build import leaf_limit
 from ..builders.options import MAX_DEPTH
-from ..builders.tree_cache import BuildResult, get_tree
+from ..builders.tree_cache import BuildResult, get_trees
 from ..bvh import Bvh, sah_cost, validate_tree
 from ..device.select import choose_devices
 from ..device.session import DeviceSession
@@ -82,7 +82,7 @@ class BuiltScene:
     def _build(self) -> None:
         device = choose_devices(self._options.device)[0]
         check_fit(device, self._options.chosen_layout, self.state.shapes)
-        made = [get_tree(shape, self._options, device) for shape in self.state.shapes]
+        made = get_trees(self.state.shapes, lambda _: self._options, device)
         self.trees = tuple(each.bvh for each in made)
         self.made = BuildResult(
             made[0].bvh,

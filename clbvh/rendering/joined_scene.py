@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..device.session import DeviceSession
 from ..geometry import Mesh
-from ..geometry.appearance.appearance import Appearance
+from ..geometry.appearance.appearance import Appearance, make_unchecked
 from ..geometry.appearance.material import Material
 from ..geometry.loading.file_mesh import FileMesh
 from ..geometry.loading.file_parts import FileNode, FileParts, join_nodes
@@ -23,7 +23,7 @@ from ..scene.scene import Scene
 from ..structs import HIT, NO_PRIM, WORLD_HIT
 from ..trace.world.trees import BRUTE
 from .built_scene import BuiltScene
-from .look_tables import find_corner_normals, has_whole_colours
+from .look_tables import find_all_corner_normals, has_whole_colours
 from .options import RenderOptions
 from .painters import FrameRenderer, Painters
 from .view import View
@@ -135,18 +135,19 @@ def join_instances(scene: BuiltScene, view: View) -> Mesh:
     """Return the triangles of all instances as one mesh, one instance after the other, in the scene's coordinates."""
     shapes, shape_ids, colours = scene.looks
     # Where one mesh is smooth, all have normals at their corners.
-    normals = [find_corner_normals(shape, view.smooth) if isinstance(shape, Mesh) else None for shape in shapes]
+    normals = find_all_corner_normals(shapes, view.smooth)
+    plain = (Material(base_colour=view.surface),)
     meshes, nodes = [], []
     for number, (shape_id, colour) in enumerate(zip(shape_ids.tolist(), colours, strict=True)):
         shape = shapes[shape_id]
         assert isinstance(shape, Mesh)
         looks = shape.appearance or Appearance()
-        materials = looks.materials or (Material(base_colour=view.surface),)
+        materials = looks.materials or plain
         if not np.isnan(colour).any():
             own = tuple(colour.tolist())
             materials = tuple(replace(each, base_colour=own, base_colour_texture=None) for each in materials)
             looks = replace(looks, colours=None)
-        looks = replace(looks, materials=materials, normals=normals[shape_id])
+        looks = make_unchecked(**(vars(looks) | {"materials": materials, "normals": normals[shape_id]}))
         meshes.append(FileMesh("", shape.vertices, shape.faces, looks))
         nodes.append(FileNode(str(number), number, scene.state.transforms[number]))
     joined = join_nodes(FileParts(meshes, nodes))

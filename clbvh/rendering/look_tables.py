@@ -19,7 +19,8 @@ from ..geometry import Mesh
 from ..geometry.appearance.appearance import Appearance, find_flat_normals
 from ..geometry.appearance.material import OPAQUE, Material, Texture
 from ..geometry.appearance.srgb import srgb_to_linear
-from ..geometry.smooth_normals import MOST_SMOOTHED, find_tangents, smooth_normals_by_angle
+from ..geometry.joined_shapes import JoinedMeshes, batch_small
+from ..geometry.smooth_normals import MOST_SMOOTHED, find_tangents, smooth_normals_by_angle, smooth_small
 from ..geometry.spheres import Shape
 from ..layouts.pack_normals import pack_normals, pack_tangents
 from ..structs import FLAT_FACE, LIGHT, LIGHT_CHOICE, LOOK, MATERIAL, TEXTURE, TEXTURE_WRAPS
@@ -228,7 +229,11 @@ def make_look_tables(looks: Looks, is_light: NDArray[np.bool_], crease_angle: fl
     """
     tables = _Tables(crease_angle)
     rows = np.zeros(len(looks.shapes), LOOK)
-    for number in np.unique(looks.shape_ids).tolist():
+    for name in ("first_normal", "first_tangent", "first_colour", "first_uv", "first_material_id"):
+        rows[name] = -1
+    numbers = np.unique(looks.shape_ids).tolist()
+    tables.add_normals([looks.shapes[number] for number in numbers])
+    for number in numbers:
         tables.add(looks.shapes[number], rows[number : number + 1])
     placed = rows[np.asarray(looks.shape_ids)]
     has_colour = ~np.isnan(looks.colours).any(axis=1)
@@ -255,6 +260,24 @@ def find_corner_normals(mesh: Mesh, crease_angle: float) -> NDArray[np.float32] 
     return normals
 
 
+def find_all_corner_normals(shapes: Sequence[Shape], crease_angle: float) -> list[NDArray[np.float32] | None]:
+    """Return the `find_corner_normals` of each shape, None of spheres; small meshes are smoothed together."""
+    new = [
+        shape
+        for shape in shapes
+        if isinstance(shape, Mesh)
+        and _given_normals(shape) is None
+        and not _is_flat(shape, crease_angle)
+        and _known.get(shape, (None,))[0] != crease_angle
+    ]
+    for batch in batch_small(new):
+        own = [new[number] for number in batch]
+        ends = np.cumsum([mesh.face_count for mesh in own])
+        smooth = np.split(smooth_small(JoinedMeshes.of(own), crease_angle), ends[:-1])
+        _known.update((mesh, (crease_angle, normals)) for mesh, normals in zip(own, smooth, strict=True))
+    return [find_corner_normals(shape, crease_angle) if isinstance(shape, Mesh) else None for shape in shapes]
+
+
 def _is_flat(mesh: Mesh, crease_angle: float) -> bool:
     return crease_angle == 0.0 or mesh.face_count > MOST_SMOOTHED
 
@@ -277,8 +300,6 @@ class _Tables:
     def add(self, shape: Shape, row: NDArray[np.void]) -> None:
         """Append a geometry's values, and fill its row of `structs.LOOK`."""
         appearance: Appearance | None = shape.appearance
-        for name in ("first_normal", "first_tangent", "first_colour", "first_uv", "first_material_id"):
-            row[name] = -1
         if isinstance(shape, Mesh):
             self._add_normals(shape, row)
         if appearance is None:
@@ -297,28 +318,37 @@ class _Tables:
             if appearance.material_ids is not None and len(numbers) > 1:
                 row["first_material_id"] = self._append("material_ids", numbers[appearance.material_ids])
 
+    def add_normals(self, shapes: Sequence[Shape]) -> None:
+        """Append the normals of all meshes but those that a texture bends; of many small ones at once."""
+        keys = {
+            _key_of_normals(shape): shape
+            for shape in shapes
+            if isinstance(shape, Mesh) and self._has_normals(shape) and _find_bent_uvs(shape.appearance) is None
+        }
+        meshes = [*keys.values()]
+        batches = batch_small(meshes)
+        alone = set(range(len(meshes))).difference(*batches)
+        for batch in (*batches, *([number] for number in sorted(alone))):
+            own = sorted((meshes[number] for number in batch), key=lambda mesh: _given_normals(mesh) is not None)
+            begin = self._append("corner_normals", _pack_all_normals(own, self._crease_angle))
+            for mesh in own:
+                self._begins[_key_of_normals(mesh)] = begin
+                begin += _CORNERS * mesh.face_count
+
+    def _has_normals(self, mesh: Mesh) -> bool:
+        return _given_normals(mesh) is not None or not _is_flat(mesh, self._crease_angle)
+
     def _add_normals(self, mesh: Mesh, row: NDArray[np.void]) -> None:
-        """Append the normals of a mesh, and its tangents if a texture bends the normals."""
-        appearance = mesh.appearance
-        given = appearance.normals if appearance is not None else None
-        uvs = _find_bent_uvs(appearance)
-        if given is None and uvs is None and _is_flat(mesh, self._crease_angle):
-            return
-
-        def find() -> NDArray[np.float32]:
-            return smooth_normals_by_angle(mesh, self._crease_angle) if given is None else given
-
-        def pack() -> NDArray[np.uint32]:
-            return pack_normals(find().reshape(-1, _CORNERS))
-
-        if uvs is None:
-            # Moved vertices may have the normals of others, and are flat elsewhere.
-            sources = given, mesh.local_vertices
-            row["first_normal"] = self._share("corner_normals", sources, lambda: _mark_flat_faces(pack(), mesh))
-        else:
-            row["first_normal"] = self._append("corner_normals", pack())
-            tangents = find_tangents(mesh, find(), uvs).reshape(-1, _CORNERS + 1)
+        """Fill in the normals of a mesh; append them, and its tangents, if a texture bends the normals."""
+        uvs = _find_bent_uvs(mesh.appearance)
+        if uvs is not None:
+            given = _given_normals(mesh)
+            normals = smooth_normals_by_angle(mesh, self._crease_angle) if given is None else given
+            row["first_normal"] = self._append("corner_normals", pack_normals(normals.reshape(-1, _CORNERS)))
+            tangents = find_tangents(mesh, normals, uvs).reshape(-1, _CORNERS + 1)
             row["first_tangent"] = self._append("corner_normals", pack_tangents(tangents))
+        elif self._has_normals(mesh):
+            row["first_normal"] = self._begins[_key_of_normals(mesh)]
 
     def finish(self, looks: NDArray[np.void]) -> dict[str, NDArray[Any]]:
         """Return the tables."""
@@ -342,11 +372,36 @@ class _Tables:
         return begin
 
 
-def _mark_flat_faces(packed: NDArray[np.uint32], mesh: Mesh) -> NDArray[np.uint32]:
-    """Return packed normals at the corners of a mesh's faces, marked where they are the face's own."""
+def _given_normals(mesh: Mesh) -> NDArray[np.float32] | None:
+    return None if mesh.appearance is None else mesh.appearance.normals
+
+
+def _key_of_normals(mesh: Mesh) -> tuple[Any, ...]:
+    # Moved vertices may have the normals of others, and are flat elsewhere.
+    return "corner_normals", id(_given_normals(mesh)), id(mesh.local_vertices)
+
+
+def _pack_all_normals(meshes: Sequence[Mesh], crease_angle: float) -> NDArray[np.uint32]:
+    """Return the packed normals of one mesh or of small ones, of which those without normals come first."""
+    given = [normals for mesh in meshes if (normals := _given_normals(mesh)) is not None]
+    lacking = meshes[: len(meshes) - len(given)]
+    if len(meshes) == 1:
+        (mesh,) = meshes
+        normals = given[0] if given else smooth_normals_by_angle(mesh, crease_angle)
+        return _mark_flat_faces(pack_normals(normals.reshape(-1, _CORNERS)), mesh.vertices, mesh.faces)
+    joined = JoinedMeshes.of(meshes)
+    smooth = [smooth_small(JoinedMeshes.of(lacking) if given else joined, crease_angle)] if lacking else []
+    packed = pack_normals(np.concatenate([*smooth, *given]).reshape(-1, _CORNERS))
+    return _mark_flat_faces(packed, joined.vertices, joined.faces)
+
+
+def _mark_flat_faces(
+    packed: NDArray[np.uint32], vertices: NDArray[np.float64], faces: NDArray[np.int32]
+) -> NDArray[np.uint32]:
+    """Return packed normals at the corners of faces, marked where they are the face's own."""
     corners = packed.reshape(-1, _CORNERS)
     even = np.flatnonzero((corners == corners[:, :1]).all(axis=1))
-    own = pack_normals(find_flat_normals(mesh.vertices[mesh.faces[even]]))
+    own = pack_normals(find_flat_normals(vertices[faces[even]]))
     corners[even[corners[even, 0] == own], 0] = FLAT_FACE
     return packed
 

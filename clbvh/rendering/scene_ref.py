@@ -5,15 +5,15 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from ..builders.build import plan_tree, suit_options
+from ..builders.build import plan_trees, suit_options
 from ..builders.options import FAST_QUALITY, BuildOptions
-from ..builders.tree_cache import find_tree_cache, get_tree
+from ..builders.tree_cache import find_tree_cache, get_trees
 from ..builders.tree_options import TreeOptions
 from ..bvh import Bvh
 from ..device.context import check_process
@@ -179,9 +179,9 @@ def open_tracer(ref: SceneRef, device: Devices = None, layout: str = "auto", qua
     """Return the tracer that the process keeps open for `SceneRef.tracer`: for queries, not to be changed or closed."""
     check_process()  # a thread that a forked child does not have may hold the lock
 
-    def load() -> tuple[Scene, list[Bvh | BuildOptions]]:
+    def load() -> tuple[Scene, Sequence[Bvh | BuildOptions]]:
         scene, _ = ref.load()
-        return scene, [_find_tree(shape, quality) for shape in scene.snapshot().shapes]
+        return scene, _find_trees(scene.snapshot().shapes, quality)
 
     def open_anew() -> Tracer:
         # Side by side: drivers start without Python's lock.
@@ -198,10 +198,11 @@ def open_renderer(ref: SceneRef, options: RenderOptions | None = None) -> Render
     return open_once((ref.sha256, repr(wanted)), lambda: Renderer(*ref.load(), wanted))
 
 
-def _find_tree(shape: Shape, quality: str) -> Bvh | BuildOptions:
+def _find_trees(shapes: Sequence[Shape], quality: str) -> Sequence[Bvh | BuildOptions]:
     if quality == FAST_QUALITY:
-        return plan_tree(shape, quality)
-    return get_tree(shape, TreeOptions(build=suit_options(shape, quality), cache=_find_cache())).bvh
+        return plan_trees(shapes, quality)
+    made = get_trees(shapes, lambda shape: TreeOptions(build=suit_options(shape, quality), cache=_find_cache()))
+    return [each.bvh for each in made]
 
 
 def _find_cache() -> Path | None:

@@ -15,7 +15,7 @@ from ..bvh.bvh import Bvh, sah_cost
 from ..errors import SceneError
 from ..geometry import Mesh
 from ..geometry.corners import Boxes
-from ..layouts.device_arrays import make_device_arrays
+from ..layouts.device_arrays import make_all_arrays
 from ..scene.state import SceneState
 from ..structs import BVH2_NODE, INSTANCE, LAYOUT_WIDTHS
 from ..trace.world.surface_arrays import make_surface_arrays
@@ -55,6 +55,9 @@ def measure_scene(state: SceneState, trees: Sequence[Bvh], *, traversal_cost: fl
         return {"node_count": bvh.node_count, "depth": bvh.depth, "sah_cost": cost}
 
     placed = np.bincount(state.geometry_ids, minlength=state.geometry_count).tolist()
+    device_bytes = {
+        layout: [arrays.byte_count for arrays in make_all_arrays(trees, layout)] for layout in LAYOUT_WIDTHS
+    }
     geometries = [
         {
             "name": name,
@@ -63,9 +66,11 @@ def measure_scene(state: SceneState, trees: Sequence[Bvh], *, traversal_cost: fl
             "instance_count": instance_count,
             **describe(bvh),
             "host_bytes": bvh.nodes.nbytes + bvh.prim_ids.nbytes,
-            "device_bytes": {layout: make_device_arrays(bvh, layout).byte_count for layout in LAYOUT_WIDTHS},
+            "device_bytes": {layout: sizes[number] for layout, sizes in device_bytes.items()},
         }
-        for name, shape, bvh, instance_count in zip(state.names, state.shapes, trees, placed, strict=True)
+        for number, (name, shape, bvh, instance_count) in enumerate(
+            zip(state.names, state.shapes, trees, placed, strict=True)
+        )
     ]
     lower, upper = find_boxes(make_surface_arrays(state.shapes, state.geometry_ids, state.transforms))
     # As a tracer and a renderer build it, whatever builds the others.

@@ -22,6 +22,7 @@ from ..geometry.loading.load import load_parts, load_placed
 from ..geometry.spheres import Shape, Spheres
 from .handles import (
     ALL_BITS,
+    Colour,
     Geometry,
     Instance,
     Instances,
@@ -315,26 +316,23 @@ class Scene:
     def _add_placed(
         self, parts: Parts, outer: NDArray[np.float64] | None = None, common_mask: int | None = None
     ) -> tuple[Instance, ...]:
+        matrices = np.array([part.matrix for part in parts.placed], np.float64).reshape(-1, 4, 4)
         with np.errstate(over="ignore", invalid="ignore"):  # refused if it is not finite
-            matrices = [
-                check_transform(
-                    part.matrix if outer is None else outer @ part.matrix, f"the transform of {shorten(part.name)}"
-                )
-                for part in parts.placed
-            ]
+            matrices = matrices if outer is None else outer @ matrices
+        names = [part.name for part in parts.placed]
+        matrices = check_transforms(matrices, lambda index: f"the transform of {shorten(names[index])}")
+        matrices.flags.writeable = False
         with self._lock:
             geometries = [self._add(shape, None, name) for shape, name in parts.shapes]
-            placed: list[Instance] = []
-            for part, matrix in zip(parts.placed, matrices, strict=True):
-                placed += self.place_many(
+            return tuple(
+                self._place(
                     geometries[part.shape],
                     matrix[None],
-                    names=(self._instances.find_free(part.name),),
-                    mask=part.mask if common_mask is None else common_mask,
-                    colour=part.colour,
-                    material=part.material,
-                )
-            return tuple(placed)
+                    (self._instances.find_free(part.name),),
+                    (part.mask if common_mask is None else common_mask, part.colour, part.material),
+                )[0]
+                for part, matrix in zip(parts.placed, matrices, strict=True)
+            )
 
     def place(
         self,
@@ -388,8 +386,8 @@ class Scene:
         clbvh.errors.SceneError: the transform is singular: it flattens what it moves, and rays cannot be moved back
         """
         names = None if name is None else (name,)
-        matrix = check_transform(transform)
-        return self.place_many(geometry, matrix[None], names=names, mask=mask, colour=colour, material=material)[0]
+        looks = check_mask(mask), check_colour(colour), check_material(material)
+        return self._place(geometry, check_transform(transform)[None], names, looks)[0]
 
     def place_many(
         self,
@@ -436,12 +434,22 @@ class Scene:
         >>> [instance.name for instance in scene.place_many(ball, row)]
         ['ball', 'ball 2', 'ball 3']
         """
-        geometry = self.find_geometry(geometry) if isinstance(geometry, str) else geometry
-        self.geometry_id(geometry)
         matrices = check_transforms(transforms)
         if isinstance(names, str) or (names is not None and len(names) != len(matrices)):
             raise SceneError(f"{len(matrices):,} transforms need as many names, or none, not {shorten(names)}")
         looks = check_mask(mask), check_colour(colour), check_material(material)
+        return self._place(geometry, matrices, names, looks)
+
+    def _place(
+        self,
+        geometry: Geometry | str,
+        matrices: NDArray[np.float64],
+        names: Sequence[str] | None,
+        looks: tuple[int, Colour | None, Material | None],
+    ) -> tuple[Instance, ...]:
+        """Place a geometry by checked transforms."""
+        geometry = self.find_geometry(geometry) if isinstance(geometry, str) else geometry
+        self.geometry_id(geometry)
         matrices.flags.writeable = False
         with self._lock:
             if names is not None and len({self._instances.check(name) for name in names}) < len(names):

@@ -266,11 +266,11 @@ def _find_mesh(source: Bvh | MeshLike, device: DeviceInfo | str | int | None) ->
     return source.mesh if isinstance(source, Bvh) else take_mesh(source, device, or_else="a clbvh.Bvh")
 
 
-def _plan_trees(state: SceneState, quality: str) -> list[Bvh | BuildOptions]:
+def _plan_trees(state: SceneState, quality: str) -> Sequence[Bvh | BuildOptions]:
     # Imported here: a tracer of a finished tree needs no builder.
-    from ..builders.build import plan_tree
+    from ..builders.build import plan_trees
 
-    return [plan_tree(shape, quality) for shape in state.shapes]
+    return plan_trees(state.shapes, quality)
 
 
 def _reopen(key: str, scene: Scene, tree: Bvh | None, device: Any, layout: str, quality: str) -> Tracer:

@@ -115,8 +115,8 @@ class SceneBounds:
         self.geometry_ids = np.asarray(geometry_ids)
         self.transforms = np.asarray(transforms, np.float64)
         self._scales = np.array([shape.scale for shape in shapes])[self.geometry_ids, None]
-        self._half_sizes = np.stack([_half_size(shape) for shape in shapes])[self.geometry_ids]
-        origins = np.stack([shape.origin for shape in shapes])[self.geometry_ids]
+        self._half_sizes = _half_sizes(shapes)[self.geometry_ids]
+        origins = np.array([shape.origin for shape in shapes])[self.geometry_ids]
         self._centres = self.transforms[:, :3, 3] + np.einsum("nij,nj->ni", self.transforms[:, :3, :3], origins)
         first = shapes[self.geometry_ids[0]]
         self._is_one_mesh = isinstance(first, Mesh) and np.array_equal(self.transforms, np.eye(4)[None])
@@ -216,10 +216,10 @@ class SceneBounds:
         return (points[chosen] - shape.origin) * shape.scale
 
 
-def _half_size(shape: Shape) -> _Array:
-    """Return (3,) float64: half the sides of a box around zero that contains a shape, in its local coordinates."""
-    local = np.abs(shape.local_box.astype(np.float64)).max(axis=0)
-    return local + _BOX_ERROR * local.max()
+def _half_sizes(shapes: Sequence[Shape]) -> _Array:
+    """Return (n, 3) float64: half the sides of a box around zero that contains each shape, in its local coordinates."""
+    local = np.abs(np.array([shape.local_box for shape in shapes], np.float64)).max(axis=1)
+    return np.asarray(local + _BOX_ERROR * local.max(axis=1, keepdims=True))
 
 
 def _count_points(shape: Shape) -> int:

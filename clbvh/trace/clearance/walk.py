@@ -70,14 +70,17 @@ class HostTrees:
     def join(self, state: SceneState, geometry_ids: NDArray[np.integer]) -> JoinedTrees:
         """Return the trees of some geometries, and maybe of others; one whose shape is new is built anew."""
         # Imported here: few tracers need it.
-        from ...builders.build import build_shape
+        from ...builders.build import build_shapes
 
         with self._lock:
-            for geometry_id in np.unique(geometry_ids).tolist():
-                shape, tree = state.shapes[geometry_id], self._trees.get(geometry_id)
-                if tree is None or tree.shape is not shape:
-                    tree = self._trees[geometry_id] = build_shape(shape, "default")
-                    self._boxes[geometry_id], self._joined = fit_boxes(tree), None
+            new = [
+                geometry_id
+                for geometry_id in np.unique(geometry_ids).tolist()
+                if (tree := self._trees.get(geometry_id)) is None or tree.shape is not state.shapes[geometry_id]
+            ]
+            trees = build_shapes([state.shapes[geometry_id] for geometry_id in new], "default")
+            for geometry_id, tree in zip(new, trees, strict=True):
+                self._trees[geometry_id], self._boxes[geometry_id], self._joined = tree, fit_boxes(tree), None
             if self._joined is None:
                 self._joined = self._join(state.geometry_count)
             return self._joined

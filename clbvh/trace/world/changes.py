@@ -159,8 +159,8 @@ class Changes:
             owner.finish()
         else:
             trees = before.with_room(session, geometry_id, new.tree, self._retired)
-            trees.put(session, geometry_id, new)
+            trees.put(session, geometry_id, [new])
         self._refits.pop(geometry_id, None)
         if geometry_id == 0:
             self._tree = FAST_QUALITY
-        return trees, new.box
+        return trees, new.find_box()

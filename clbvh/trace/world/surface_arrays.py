@@ -160,6 +160,7 @@ def make_surface_arrays(
     if len(meshes) > 1:
         copied_bytes += sum(mesh.vertices.nbytes + mesh.faces.nbytes for mesh in meshes)
     check_memory("the arrays of the scene", copied_bytes, SceneError)
+    scales = np.array([shape.scale for shape in shapes], np.float64)
     arrays = SurfaceArrays(
         vertices=_join([mesh.vertices for mesh in meshes], np.empty((0, 3))),
         faces=_join([mesh.faces for mesh in meshes], np.empty((0, 3), np.int32)),
@@ -169,8 +170,8 @@ def make_surface_arrays(
         first_face=_first_rows([len(shape.faces) if isinstance(shape, Mesh) else 0 for shape in shapes]),
         first_sphere=_first_rows([0 if isinstance(shape, Mesh) else len(shape.radii) for shape in shapes]),
         origin=np.array([shape.origin for shape in shapes], np.float64).reshape(-1, 3),
-        scale=np.array([shape.scale for shape in shapes], np.float64),
-        half_size=np.zeros((len(shapes), 3)) if transforms is None else _half_sizes(shapes),
+        scale=scales,
+        half_size=np.zeros((len(shapes), 3)) if transforms is None else _half_sizes(shapes, scales),
         geometry_id=np.ascontiguousarray(geometry_id, np.int32),
         linear=_IDENTITY,
         offset=np.zeros((1, 3)),
@@ -263,10 +264,10 @@ def _divide(vector, divisor):
     return vector[0] / divisor, vector[1] / divisor, vector[2] / divisor
 
 
-def _half_sizes(shapes: Sequence[Shape]) -> NDArray[np.float64]:
+def _half_sizes(shapes: Sequence[Shape], scales: NDArray[np.float64]) -> NDArray[np.float64]:
     # Local coordinates are in memory, and a rounding of float32 does not matter.
-    sizes = [np.abs(shape.local_box).max(axis=0).astype(np.float64) / shape.scale for shape in shapes]
-    return np.array(sizes).reshape(-1, 3)
+    boxes = np.array([shape.local_box for shape in shapes]).reshape(-1, 2, 3)
+    return np.abs(boxes).max(axis=1).astype(np.float64) / scales[:, None]
 
 
 def _join(parts: list[NDArray], nothing: NDArray) -> NDArray:

@@ -7,8 +7,10 @@ is written there. Buffers that no world uses any more are written next, so a sha
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import partial
 from threading import Lock
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 from weakref import WeakSet, ref
@@ -23,7 +25,14 @@ from ...device.session import DeviceSession
 from ...errors import ConfigError, DeviceError, SceneError
 from ...geometry import Mesh, Shape
 from ...geometry.corners import Bounded
-from ...layouts.device_arrays import DeviceArrays, has_shared_blocks, item_struct, list_prims, make_device_arrays
+from ...layouts.device_arrays import (
+    DeviceArrays,
+    has_shared_blocks,
+    item_struct,
+    list_prims,
+    make_all_arrays,
+    make_device_arrays,
+)
 from ...layouts.device_prims import DevicePrims
 from ...structs import BVH2_NODE, COMPACT_LAYOUT, LANE_LAYOUTS, LAYOUT_WIDTHS, PRIM_KINDS, WIDE_NODES
 from ...support.host_threads import HostThreads
@@ -178,7 +187,8 @@ class NewTree:
     Attributes
     ----------
     tree : Tree
-    box : TreeBox
+    find_box : function
+        Returns the `TreeBox` around it.
     arrays : DeviceArrays or None
         Of a tree that is on the host.
     buffers : tuple of two buffers
@@ -186,7 +196,7 @@ class NewTree:
     """
 
     tree: Tree
-    box: TreeBox
+    find_box: Callable[[], TreeBox]
     arrays: DeviceArrays | None = None
     buffers: tuple[Any, ...] = ()
 
@@ -210,6 +220,20 @@ class NewTree:
         return cls.build(session, prims or DevicePrims(session, session, shape), plan, layout)
 
     @classmethod
+    def make_all(
+        cls, session: DeviceSession, shapes: Sequence[Shape], plans: Sequence[Bvh | BuildOptions], layout: str
+    ) -> list[Self]:
+        """Return what `make` does of each shape."""
+        bvhs = {number: plan for number, plan in enumerate(plans) if isinstance(plan, Bvh)}
+        arrays = dict(zip(bvhs, make_all_arrays([*bvhs.values()], layout), strict=True))
+        return [
+            cls._of_bvh(shape, bvhs[number], arrays[number], layout)
+            if number in bvhs
+            else cls.make(session, shape, plan, layout)
+            for number, (shape, plan) in enumerate(zip(shapes, plans, strict=True))
+        ]
+
+    @classmethod
     def from_host(cls, shape: Shape, bvh: Bvh, layout: str) -> Self:
         """Return a finished tree.
 
@@ -218,18 +242,22 @@ class NewTree:
         ConfigError
             It is too deep.
         """
-        return cls._of_arrays(shape, make_device_arrays(bvh, layout), layout, TreeBox.around(bvh))
+        return cls._of_bvh(shape, bvh, make_device_arrays(bvh, layout), layout)
+
+    @classmethod
+    def _of_bvh(cls, shape: Shape, bvh: Bvh, arrays: DeviceArrays, layout: str) -> Self:
+        return cls._of_arrays(shape, arrays, layout, partial(TreeBox.around, bvh))
 
     @classmethod
     def without_nodes(cls, shape: Shape) -> Self:
         """Return the primitives alone, for the layout ``"brute"``."""
-        return cls._of_arrays(shape, list_prims(shape), BRUTE, TreeBox.of_shape(shape))
+        return cls._of_arrays(shape, list_prims(shape), BRUTE, partial(TreeBox.of_shape, shape))
 
     @classmethod
-    def _of_arrays(cls, shape: Shape, arrays: DeviceArrays, layout: str, box: TreeBox) -> Self:
+    def _of_arrays(cls, shape: Shape, arrays: DeviceArrays, layout: str, find_box: Callable[[], TreeBox]) -> Self:
         stack_size = pad_stack(layout, arrays.stack_size)
         tree = Tree(_kind_of(shape), 0, len(arrays.nodes), 0, arrays.blocks.item_count, stack_size)
-        return cls(tree, box, arrays)
+        return cls(tree, find_box, arrays)
 
     @classmethod
     def build(cls, session: DeviceSession, prims: DevicePrims, options: BuildOptions, layout: str) -> Self:
@@ -253,7 +281,7 @@ class NewTree:
         stack_size = pad_stack(layout, built.stack_size)
         half = np.maximum(np.abs(built.lower), np.abs(built.upper)).astype(np.float64)
         tree = Tree(_kind_of(shape), 0, built.node_count, 0, built.block_count, stack_size)
-        return cls(tree, TreeBox(shape.origin, shape.scale, half), None, (built.nodes, blocks))
+        return cls(tree, lambda: TreeBox(shape.origin, shape.scale, half), None, (built.nodes, blocks))
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,9 +332,9 @@ class DeviceTrees:
         """
         width = LAYOUT_WIDTHS.get(layout, 2)
         dtypes = {"nodes": WIDE_NODES.get(width, BVH2_NODE)}
-        for shape, new in zip(shapes, trees, strict=True):
-            dtypes[_BLOCK_BUFFERS[new.tree.kind]] = item_struct(shape, layout)
-        joined = cls(session, layout, _place([new.tree for new in trees]), {}, dtypes, trees[0].box)
+        for kind, shape in {_kind_of(shape): shape for shape in shapes}.items():
+            dtypes[_BLOCK_BUFFERS[kind]] = item_struct(shape, layout)
+        joined = cls(session, layout, _place([new.tree for new in trees]), {}, dtypes, trees[0].find_box())
         if len(trees) == 1 and trees[0].arrays is None:
             # A tree that was built there stays where it is.
             for (name, _, _), buffer in zip(_list_arrays(joined.trees[0]), trees[0].buffers, strict=True):
@@ -314,25 +342,35 @@ class DeviceTrees:
             return joined
         for name, size in joined._sizes().items():
             joined.buffers[name] = session.allocate(size, writable=False)
-        for geometry_id, new in enumerate(trees):
-            joined.put(session, geometry_id, new)
+        joined.put(session, 0, trees)
         return joined
 
-    def put(self, session: DeviceSession, geometry_id: int, new: NewTree) -> None:
-        """Write a tree into its place."""
-        places = [
-            (self.buffers[name], self.dtypes[name], first, count)
-            for name, first, count in _list_arrays(self.trees[geometry_id])
-        ]
-        if new.arrays is None:
-            for source, (buffer, dtype, first, count) in zip(new.buffers, places, strict=True):
-                session.copy(source, buffer, count * dtype.itemsize, target_begin=first * dtype.itemsize)
-            return
-        (nodes, node, first, _), (buffer, dtype, first_item, count) = places
-        if len(new.arrays.nodes):
-            session.write(nodes, new.arrays.nodes, begin=first * node.itemsize)
-        with session.mapped(buffer, count, dtype, write=True, first=first_item) as items, HostThreads() as threads:
-            new.arrays.blocks.write(items, threads)
+    def put(self, session: DeviceSession, first_id: int, trees: Sequence[NewTree]) -> None:
+        """Write the trees of geometries that follow each other into their places."""
+        placed = list(zip(self.trees[first_id : first_id + len(trees)], trees, strict=True))
+        on_host = [(_list_arrays(tree), new.arrays) for tree, new in placed if new.arrays is not None]
+        ends = {name: first + count for arrays, _ in on_host for name, first, count in arrays if count}
+        begins = {name: first for arrays, _ in on_host[::-1] for name, first, _ in arrays}
+        with ExitStack() as stack:
+            threads = stack.enter_context(HostThreads())
+            # Each buffer is mapped once: that takes as long as to build a small tree.
+            items = {
+                name: stack.enter_context(
+                    session.mapped(
+                        self.buffers[name], end - begins[name], self.dtypes[name], write=True, first=begins[name]
+                    )
+                )
+                for name, end in ends.items()
+            }
+            for ((_, first, count), (blocks, first_block, block_count)), arrays in on_host:
+                if count:  # as bytes: numpy takes three times as long for structs
+                    nodes = items["nodes"][first - begins["nodes"] :][:count]
+                    nodes.view(np.uint8)[:] = arrays.nodes.view(np.uint8)
+                arrays.blocks.write(items[blocks][first_block - begins[blocks] :][:block_count], threads)
+        for tree, new in placed:
+            for source, (name, first, count) in zip(new.buffers, _list_arrays(tree), strict=False):
+                size = self.dtypes[name].itemsize
+                session.copy(source, self.buffers[name], count * size, target_begin=first * size)
 
     def block_buffer(self, geometry_id: int) -> str:
         """Return the name of the buffer with the blocks of a tree."""
@@ -419,7 +457,7 @@ def _place(trees: Sequence[Tree]) -> tuple[Tree, ...]:
     ends = dict.fromkeys(("nodes", *_BLOCK_BUFFERS.values()), 0)
     for tree in trees:
         blocks = _BLOCK_BUFFERS[tree.kind]
-        placed.append(tree._replace(first_node=ends["nodes"], first_block=ends[blocks]))
+        placed.append(Tree(tree.kind, ends["nodes"], tree.node_count, ends[blocks], tree.block_count, tree.stack_size))
         ends["nodes"] += tree.node_count
         ends[blocks] += tree.block_count
     if max(ends.values()) > _MOST_ITEMS:

@@ -215,10 +215,10 @@ def open_world(
         raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
     check_layout(layout)
     chosen = BRUTE if bvhs is None else choose_layout(layout, session.info, session.settings.layout, state.shapes)
-    new = [
-        NewTree.without_nodes(shape) if bvhs is None else NewTree.make(session, shape, bvhs[geometry_id], chosen)
-        for geometry_id, shape in enumerate(state.shapes)
-    ]
+    if bvhs is None:
+        new = [NewTree.without_nodes(shape) for shape in state.shapes]
+    else:
+        new = NewTree.make_all(session, state.shapes, bvhs, chosen)
     trees = DeviceTrees.join(session, state.shapes, new, chosen)
     # Queries have queues of their own, which do not wait for trees that the device still writes.
     session.finish()

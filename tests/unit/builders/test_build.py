@@ -6,14 +6,16 @@ import dataclasses
 import math
 import threading
 import time
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from clbvh import BuildOptions, ConfigError, Mesh, PoolError, SubtreePool, build, make_shape, sah_cost, validate_tree
 from clbvh.builders import build as build_module
-from clbvh.builders.build import BUILDERS, build_tree, leaf_limit
+from clbvh.builders.build import BUILDERS, build_tree, leaf_limit, plan_tree, plan_trees
 from clbvh.builders.options import MAX_DEPTH, QUALITIES
+from clbvh.geometry import joined_shapes
 
 from ...soup import make_soup
 from .shapes import SHAPES, copies, exponential, line, nested
@@ -41,6 +43,20 @@ def test_every_shape_gives_a_right_tree_and_the_same_bytes_whoever_builds_it(bui
         for threshold, workers, who in ((1, 3, None), (60, None, pool)):
             other = build_tree(shape, builder, who, dataclasses.replace(options, task_threshold=threshold), workers)
             assert bytes_of(other) == bytes_of(bvh), (name, threshold, workers)
+
+
+def test_small_shapes_get_the_same_trees_together(monkeypatch):
+    monkeypatch.setattr(joined_shapes, "_LEAST_SHAPES", 2)
+    shapes = [make() for make in SHAPES.values()]
+    for quality in ("default", "high"):
+        expected = [bytes_of(plan_tree(shape, quality)) for shape in shapes]
+        planned = plan_trees(shapes, quality)
+        assert [plan.shape for plan in planned] == shapes
+        assert list(map(bytes_of, planned)) == expected
+    alone = []
+    monkeypatch.setattr(build_module, "build_sah", lambda shape, *arguments: alone.append(shape) or Mock())
+    plan_trees(shapes, "default")
+    assert alone == [shape for shape in shapes if shape.prim_count > joined_shapes.MOST_PRIMS]
 
 
 @pytest.mark.parametrize("shape", ["knot", "blobs", "terrain", "boxes"])

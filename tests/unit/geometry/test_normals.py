@@ -7,7 +7,8 @@ import trimesh
 import clbvh
 from clbvh import Mesh
 from clbvh.geometry.appearance.appearance import find_flat_normals
-from clbvh.geometry.smooth_normals import find_tangents, find_vertex_faces
+from clbvh.geometry.joined_shapes import JoinedMeshes
+from clbvh.geometry.smooth_normals import find_tangents, find_vertex_faces, smooth_small
 
 BOX = trimesh.creation.box()
 CUBE = Mesh.from_arrays(BOX.vertices, BOX.faces)
@@ -127,3 +128,18 @@ def test_tangents_are_unit_vectors_at_right_angles_to_normals_even_without_a_dir
     tangents = find(POINTS, POINTS[faces][..., :2], np.tile(UP[:1], (6, 1, 1)), faces)
     np.testing.assert_allclose(tangents[:4], np.broadcast_to((1, 0, 0, 1), (4, 3, 4)), atol=1e-6)
     assert np.isfinite(tangents).all()
+
+
+@pytest.mark.parametrize("angle", [20, 40, 180])
+def test_meshes_that_are_smoothed_together_keep_their_points_to_themselves(angle):
+    hinged = clbvh.Transform(rotate=(15, 0, 0)).matrix[:3, :3]  # the row y = 0 stays
+    meshes = [Mesh.from_arrays(points, FACES) for points in (POINTS, POINTS @ hinged.T, POINTS)]
+    meshes += [Mesh.from_arrays(KNOT.vertices * size, KNOT.faces) for size in (1e-140, 1e140)]
+    # The products of sides in the file's unit are below the normal numbers.
+    tiny = np.concatenate((KNOT.vertices * 1e-12, np.eye(3))) * 1e-148
+    meshes.append(Mesh.from_arrays(tiny, np.concatenate((KNOT.faces, [len(KNOT.vertices) + np.arange(3)]))))
+    meshes += [CUBE, CUBE, Mesh.from_arrays(np.ones((3, 3)), [[0, 1, 2]])]
+    together = smooth_small(JoinedMeshes.of(meshes), angle)
+    for mesh, begin in zip(meshes, np.cumsum([0, *(mesh.face_count for mesh in meshes)]).tolist(), strict=False):
+        alone = clbvh.smooth_normals_by_angle(mesh, angle)
+        assert together[begin : begin + mesh.face_count].tobytes() == alone.tobytes()

@@ -1,12 +1,16 @@
 """Wide trees are made by any number of threads, whose work depends on nothing but the tree."""
 
 from itertools import pairwise
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from clbvh import build
-from clbvh.layouts import wide
+from clbvh import Spheres, build
+from clbvh.builders.build import build_shape
+from clbvh.geometry import joined_shapes
+from clbvh.layouts import device_arrays, wide
+from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.support.host_threads import HostThreads
 
 from ...chain import make_chain
@@ -32,6 +36,31 @@ def test_any_number_of_threads_makes_the_same_bytes(width, monkeypatch):
             with HostThreads(count) as threads:
                 for _ in range(3):
                     assert bytes_of(wide.widen(bvh, width, threads)) == expected
+
+
+@pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
+def test_small_trees_get_the_same_arrays_together(layout, monkeypatch):
+    monkeypatch.setattr(joined_shapes, "_LEAST_SHAPES", 2)
+    random = np.random.default_rng(5)
+    soups = [make_soup(count, count, grid=30, size=4, copies=0.2, degenerate=0.1) for count in (1, 9, 100, 5000)]
+    balls = [Spheres(random.normal(size=(count, 3)), random.uniform(0, 0.1, count)) for count in (1, 300, 20)]
+    bvhs = [build(soup, leaf_size=size) for soup in soups for size in (1, 4, 30)]
+    bvhs += [build_shape(ball, "default") for ball in balls]
+    bvhs.insert(3, make_chain(500, "left")[1])
+
+    def bytes_of_arrays(arrays):
+        blocks = np.zeros(arrays.blocks.item_count, arrays.blocks.struct)
+        with HostThreads() as threads:
+            arrays.blocks.write(blocks, threads)
+        return arrays.nodes.tobytes(), blocks.tobytes(), arrays.stack_size
+
+    expected = [bytes_of_arrays(device_arrays.make_device_arrays(bvh, layout)) for bvh in bvhs]
+    assert list(map(bytes_of_arrays, device_arrays.make_all_arrays(bvhs, layout))) == expected
+    if LAYOUT_WIDTHS[layout] > 2:
+        alone = Mock()
+        monkeypatch.setattr(device_arrays, "make_device_arrays", alone)
+        device_arrays.make_all_arrays(bvhs, layout)
+        assert [call.args[0] for call in alone.call_args_list] == [bvh for bvh in bvhs if len(bvh.prim_ids) == 5000]
 
 
 def test_subtrees_across_the_ends_of_ranges_come_last():
