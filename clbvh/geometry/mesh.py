@@ -24,7 +24,7 @@ from .arrays import as_array, check_numbers, copy_as_float64
 from .coincident import Coincidence, find_coincidence
 from .local_frame import LocalFrame, find_bounds, shift_and_scale
 from .scales import find_mesh_frame
-from .topology import find_points, find_vertex_normals, is_closed, measure_faces
+from .topology import CornerFaces, find_corner_faces, find_points, find_vertex_normals, is_closed, measure_faces
 
 # A tree over n primitives has up to 2n - 1 nodes, and both are counted in int32.
 MAX_FACE_COUNT = 2**30
@@ -196,8 +196,9 @@ class Mesh(LocalFrame):
         frame = find_mesh_frame(checked_vertices, self.faces, self.name)
         moved = Mesh(checked_vertices, self.faces, *frame[:3], self.name, appearance, self.parts)
         vars(moved)["spans_scales"] = frame.spans_scales
-        if "_is_joined" in vars(self):  # cached: it depends on the faces alone
-            vars(moved)["_is_joined"] = self._is_joined
+        for name in ("_is_joined", "corner_faces"):  # cached: they depend on the faces alone
+            if name in vars(self):
+                vars(moved)[name] = vars(self)[name]
         return moved
 
     @property
@@ -271,6 +272,16 @@ class Mesh(LocalFrame):
     def coincidence(self) -> Coincidence:
         """What faces with the same three corners mean for the inside."""
         return find_coincidence(self.vertices, self.local_vertices, self.faces, lambda: self._is_even)
+
+    @cached_property
+    def corner_faces(self) -> CornerFaces:
+        """The faces around each vertex. About 0.2 s for 871,306 triangles, once; `with_vertices` hands them on."""
+        return find_corner_faces(self.vertices, self.faces)
+
+    @cached_property
+    def margins(self) -> NDArray[np.float32]:
+        """(F, 4) float32: what start points of rays have found of each side of the faces; 0 before."""
+        return np.zeros((self.face_count, 4), np.float32)
 
     @cached_property
     def bounds(self) -> NDArray[np.float64]:

@@ -80,6 +80,54 @@ def find_points(vertices: NDArray[np.floating]) -> EqualPoints:
     return find_equal_points(vertices + 0.0)
 
 
+class CornerFaces(NamedTuple):
+    """The faces around each vertex of a mesh. Vertices with equal coordinates are one point.
+
+    Attributes
+    ----------
+    points : (V,) int32
+        The point of each vertex.
+    begins : (P + 1,) int32
+        Where the corners of each point begin, and where those of the last one end.
+    faces : (3 F,) int32
+        The face of each corner, by points.
+    """
+
+    points: NDArray[np.int32]
+    begins: NDArray[np.int32]
+    faces: NDArray[np.int32]
+
+
+def find_corner_faces(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> CornerFaces:
+    """Find the faces around each vertex, in O(V log V + F).
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+    faces : (F, 3) int32
+    """
+    first, ids = find_points(vertices)
+    points, corner_faces = ids.astype(np.int32), np.empty(faces.size, np.int32)
+    ends = np.zeros(len(first) + 1, np.int32)
+    _sort_corners(points, faces, ends, corner_faces)
+    return CornerFaces(points, ends, corner_faces)
+
+
+@compiled
+def _sort_corners(points, faces, begins, corner_faces):
+    """Write the faces of the corners by their points, and where each point's begin."""
+    for face in range(len(faces)):
+        for corner in range(3):
+            begins[points[faces[face, corner]]] += 1
+    for point in range(1, len(begins)):
+        begins[point] += begins[point - 1]
+    for face in range(len(faces) - 1, -1, -1):
+        for corner in range(3):
+            point = points[faces[face, corner]]
+            begins[point] -= 1
+            corner_faces[begins[point]] = face
+
+
 @compiled(error_model="numpy")
 def measure_corner(vertices, faces, scale, face, corner):
     """Return a face's normal at a corner, not of length 1, its length, and the angle in radians.

@@ -104,7 +104,7 @@ class PairQueries(Moves):
         -----
         Corners are placed in the scene in float64. Of these triangles the distance is exact, rounded once, and it is 0
         only if they have a common point: touching counts, and no tolerance is added. The pair is the nearest one as far
-        as float64 can tell, and the same each time. Degenerate triangles count as the segments or points that they are.
+        as float64 can tell, and the same each time. Degenerate triangles count for nothing, as in all other queries.
 
         The distance is that of surfaces: a part inside a closed one, not touching it, is some way from its wall;
         `contains` tells. Poses are those of the last `set_transforms`.

@@ -122,7 +122,8 @@ class ShardedTracer(ContextManager):
     -----
     Memory: a shard with its tree, on the host and on the device, the answers, and 8 bytes for each ray. Beside the
     answers, hits do not know their mesh: `Hits.mesh` is None. `locations`, `normals` and `offset_origins` visit the
-    shards again; smooth normals, parts and `interpolate` need the whole mesh.
+    shards again; smooth normals, parts and `interpolate` need the whole mesh. Start points keep clear of acute edges
+    within a shard, and not of those between two.
 
     Examples
     --------

@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from clbvh import Mesh, Scene, Tracer, build
+from clbvh import Hits, Mesh, Scene, Tracer, Transform, build, make_shape
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.check.intersections import Rays
 from clbvh.trace.check.reference import Reference
@@ -114,3 +114,65 @@ def test_rays_whose_three_numbers_are_one_number_in_memory_were_refused(tracer):
     zeros, ones = np.broadcast_to(0.0, (4, 3)), np.broadcast_to(1.0, (2, 4, 3))
     expected = tracer.closest_hit(zeros.copy(), ones.copy()).t
     assert tracer.closest_hit(zeros, ones).t.tobytes() == expected.tobytes()
+
+
+def make_cone():
+    turns = np.arange(64) * np.pi / 32
+    rim, next_ones = np.arange(64), (np.arange(64) + 1) % 64
+    vertices = np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)
+    vertices = np.concatenate([vertices, [[0, 0, 0], [0, 0, np.tan(np.radians(71))]]])
+    sides = [[next_ones, rim, 0 * rim + 64], [rim, next_ones, 0 * rim + 65]]
+    return Mesh.from_arrays(vertices, np.concatenate([np.stack(side, axis=1) for side in sides]))
+
+
+def make_wedge(degrees):
+    ends = np.array([[0, 0], [1, 0], [1, np.tan(np.radians(degrees))]])
+    vertices = np.concatenate([np.insert(ends, 2, z, axis=1) for z in (-0.5, 0.5)])
+    vertices = vertices @ np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    faces = [[0, 2, 1], [3, 4, 5], [0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [2, 0, 3], [2, 3, 5]]
+    return Mesh.from_arrays(vertices, faces)
+
+
+def make_star():
+    ball = make_shape("icosphere", triangles=320)
+    tips = ball.vertices[ball.faces].mean(axis=1)
+    tips, (a, b, c) = tips / np.linalg.norm(tips, axis=1, keepdims=True), ball.faces.T
+    tip = np.arange(ball.face_count) + len(ball.vertices)
+    faces = np.concatenate([np.stack(face, axis=1) for face in ((a, b, tip), (b, c, tip), (c, a, tip))])
+    return Mesh.from_arrays(np.concatenate([0.3 * ball.vertices, tips]), faces)
+
+
+ACUTE = {"cone": make_cone, "wedge-1": lambda: make_wedge(1), "wedge-10": lambda: make_wedge(10), "star": make_star}
+
+
+@pytest.mark.parametrize("placed", [False, True], ids=["alone", "placed"])
+@pytest.mark.parametrize("name", ACUTE)
+def test_rays_from_a_surface_beside_an_acute_edge_left_through_the_wall(session, name, placed):
+    """Start points were moved along the normal alone, and so through the wall."""
+    mesh, generator, count = ACUTE[name](), np.random.default_rng(11), 40_000
+    weights = generator.dirichlet([1, 1, 1], count)
+    # As close to an edge, or to a corner, as any hit of 10^9 is.
+    shrunk = generator.choice([1, 1e-3, 1e-4, 1e-5, 1e-6, 1e-9], (count, 3))
+    weights *= shrunk
+    weights /= weights.sum(axis=1, keepdims=True)
+    faces = generator.integers(mesh.face_count, size=count)
+    scene = Scene()
+    geometry = scene.add(mesh)
+    scene.place(geometry, Transform(rotate=(20, 40, 70), translate=(5, 3, 1), scale=3) if placed else None)
+    with Tracer(scene if placed else mesh, device=session.info) as tracer:
+        # Hits at those points, from inside.
+        instances = np.zeros(count, np.int32) if placed else None
+        hits = Hits(
+            np.zeros(count), weights[:, 1], weights[:, 2], faces.astype(np.int32), is_front=np.zeros(count, bool),
+            surface=tracer.closest_hit([0, 0, 0], [0, 0, 1]).surface, known_instance_id=instances,
+        )  # fmt: skip
+        origins, directions = hits.offset_origins(), generator.normal(size=(count, 3))
+        into = np.einsum("ij,ij->i", directions, hits.normals) < 0
+        directions[~into] -= 2 * np.einsum("ij,ij->i", directions, hits.normals)[~into, None] * hits.normals[~into]
+        found = tracer.closest_hit(origins, directions)
+        escaped = ~found.is_hit | found.is_front
+        assert not escaped.any(), f"{escaped.sum()} of {count}"
+        assert not (found.prim_id == faces).any()
+        # Hardly any of them was moved farther than to where the walls are apart.
+        moves = np.linalg.norm(origins - hits.locations, axis=1) * mesh.scale / (3 if placed else 1)
+        assert moves.max() < 2.0**-8

@@ -45,6 +45,7 @@ class JoinedTrees(NamedTuple):
     boxes : (N, 15) float32
         Around the triangles of a node: the centre, half the sides, and the three axes.
     prim_ids : (F,) int32
+        `NO_PRIM` for degenerate triangles: they count for nothing, as in all other queries.
     first_node, first_prim : (G,) int64
         Where the rows of a geometry begin; -1 where it has no tree.
     stack_size : int
@@ -95,10 +96,19 @@ class HostTrees:
         links = [np.stack((tree.nodes["first"], tree.nodes["count"]), axis=1) for tree in trees]
         return JoinedTrees(
             np.concatenate(links), np.concatenate([self._boxes[each] for each in self._trees]),
-            np.concatenate([tree.prim_ids for tree in trees]), first_node, first_prim,
+            np.concatenate([_find_prims(tree) for tree in trees]), first_node, first_prim,
             # A step takes one entry and puts two.
             max(tree.depth for tree in trees) * 2 + 2,
         )  # fmt: skip
+
+
+def _find_prims(tree: Bvh) -> NDArray[np.int32]:
+    """Return the triangles of a tree; `NO_PRIM` for those that have no area in float64 either."""
+    mesh = tree.mesh
+    if not mesh.degenerate_faces.any():
+        return tree.prim_ids
+    is_degenerate = mesh.degenerate_faces & ~mesh.face_normals.any(axis=1)
+    return np.where(is_degenerate[tree.prim_ids], np.int32(NO_PRIM), tree.prim_ids)
 
 
 class Nearest(NamedTuple):
@@ -339,12 +349,15 @@ def _test_leaves(trees, arrays, instances, unit, a, b, state, found):
     state[_TESTED] = 0
     for slot_a in range(first_a, first_a + links[a, 1]):
         prim_a = trees.prim_ids[slot_a]
+        if prim_a == NO_PRIM:
+            number += links[b, 1]
+            continue
         one = _place(arrays, instances[0], prim_a, unit)
         for slot_b in range(first_b, first_b + links[b, 1]):
             number += 1
-            if number <= tested:
-                continue
             prim_b = trees.prim_ids[slot_b]
+            if number <= tested or prim_b == NO_PRIM:
+                continue
             squared, is_open = measure_triangles(one, _place(arrays, instances[1], prim_b, unit), found.squared[pair])
             if is_open:
                 state[_TESTED], state[_PRIM_A], state[_PRIM_B] = number, prim_a, prim_b

@@ -260,7 +260,11 @@ class Hits:
         other one below the plane: of a convex mesh, none at all. The half space is that of `normals`, on the side
         chosen. The distance is derived from the roundings on the way, and is at most 1e-5 of the largest side of the
         mesh's box; there is no constant to choose. A neighbouring triangle that rises above the plane, as at a concave
-        edge, is met, however near it is.
+        edge, is met, however near it is: beside an acute edge of one degree and more, or in such a corner, the start
+        point is moved along its triangle to where there is room, by up to 0.4 % of the largest side.
+
+        What that needs of a face is found when it is first left, in about 1 us, and of the mesh once, in 0.1 s for a
+        million faces; 16 bytes for each face, and 16 for its corners.
 
         Examples
         --------
@@ -280,7 +284,7 @@ class Hits:
                 raise ConfigError(
                     "these hits do not know from which side the rays came: call offset_origins(towards=directions)"
                 )
-            return hit.offset_points(points, self.locations, self.is_front)
+            return hit.offset_points(points, self.is_front)
         directions = read_vectors(towards, "towards")
         try:
             shape = broadcast_shape(self.shape, directions.shape[:-1])
@@ -291,9 +295,9 @@ class Hits:
             ) from None
         check_room(math.prod(shape), _POINT_BYTES)
         self._refuse_wrong(directions, shape)
-        locations, sides = self.locations, np.broadcast_to(hit.find_sides(points, directions), shape)
-        front = hit.offset_points(points, locations, np.ones(self.shape, np.bool_))
-        back = hit.offset_points(points, locations, np.zeros(self.shape, np.bool_))
+        sides = np.broadcast_to(hit.find_sides(points, directions), shape)
+        front = hit.offset_points(points, np.ones(self.shape, np.bool_))
+        back = hit.offset_points(points, np.zeros(self.shape, np.bool_))
         return np.where(sides[..., None], front, back)
 
     def take(self, rays: NDArray[np.int64] | int) -> Hits:

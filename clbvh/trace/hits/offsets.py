@@ -15,7 +15,7 @@ import numpy as np
 from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
 from ..world.surface_arrays import place_vector, to_object
-from .locations import find_corners, make_normal, turn_normal
+from .locations import find_corners, locate_point, make_normal, turn_normal
 from .spheres import sphere_point
 
 # Unit roundoffs of float32 and float64.
@@ -46,27 +46,34 @@ _MOST_GROWTH = 0.5
 
 
 @compiled(error_model="numpy")
-def offset_points(arrays, reach, prim_ids, instance_ids, us, vs, locations, is_front, points):
+def offset_points(arrays, reach, is_upright, prim_ids, instance_ids, us, vs, is_front, points, heights):
     """Write a point above each primitive, in world coordinates; NaN without one.
 
-    `reach` is how far any coordinate of an instance can be from the middle of the world's box. Above is the outer side
-    where `is_front` is true.
+    Above is the outer side where `is_front` is true. A point is above along the world's normal, or along the object's
+    if it is to be upright there. `reach` is how far any coordinate of an instance can be from the middle of the world's
+    box. `heights` are those in the object's local units, of points that may be too close to another triangle, see
+    room.py; 0 for all others.
     """
-    local, way, shares, weights = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    local, way, shares = np.empty(3), np.empty(3), np.empty(3)
+    errors, growths = np.empty(3), np.empty(3)
     for hit in range(len(prim_ids)):
         prim, instance = prim_ids[hit], instance_ids[hit]
+        heights[hit] = 0.0
         if prim == NO_PRIM:
             points[hit, 0] = points[hit, 1] = points[hit, 2] = np.nan
             continue
+        u, v = us[hit], vs[hit]
         geometry = arrays.geometry_id[instance]
         scale = arrays.scale[geometry]
         side = 1.0 if is_front[hit] else -1.0
+        x, y, z = locate_point(arrays, instance, prim, u, v)
+        points[hit, 0], points[hit, 1], points[hit, 2] = x, y, z
 
         # The normal, the point in the object's local coordinates, and the highest point of the tracer's primitive
         # above it.
-        most = np.inf
+        most, from_edge, from_corner = np.inf, -np.inf, -np.inf
         if arrays.kind[geometry] == _SPHERES:
-            x, y, z = sphere_point(us[hit], vs[hit])
+            x, y, z = sphere_point(u, v)
             normal = side * x, side * y, side * z
             highest, radius = _find_on_sphere(arrays, geometry, prim, normal, is_front[hit], local)
             highest += _ROOT_ROUNDINGS * ROUNDING * radius
@@ -75,57 +82,61 @@ def offset_points(arrays, reach, prim_ids, instance_ids, us, vs, locations, is_f
             corners = find_corners(arrays, geometry, prim)
             x, y, z = make_normal(corners[0], corners[1], corners[2], scale)
             normal = side * x, side * y, side * z
-            highest = _find_on_triangle(arrays, geometry, corners, us[hit], vs[hit], normal, local)
+            highest = _find_on_triangle(arrays, geometry, corners, u, v, normal, local)
+            face, column = arrays.first_face[geometry] + prim, 0 if is_front[hit] else 2
+            from_edge, from_corner = arrays.margins[face, column], arrays.margins[face, column + 1]
 
-        # Errors along the plane above a primitive do not matter; inside of a sphere all of them do.
-        for axis in range(3):
-            weights[axis] = 1.0 if np.isfinite(most) else abs(normal[axis])
-
+        is_inside = np.isfinite(most)
         if arrays.is_lone:
-            rounding, coarseness = _bound_lone_roundings(scale, weights, local, locations[hit])
-            distance = min(highest + rounding + coarseness, most)
+            _bound_lone_roundings(scale, local, points, hit, errors)
+            height = min(highest + _add_errors(errors, is_inside), most)
             for axis in range(3):
-                points[hit, axis] = locations[hit, axis] + distance * normal[axis] / scale
-            continue
-
-        # The way in the world on which a height of 1 is gained in the object: along the world's normal, on which it is
-        # shortest; inside of a sphere towards the centre, and no farther.
-        if np.isfinite(most):
-            way[0], way[1], way[2] = place_vector(arrays, instance, normal[0], normal[1], normal[2])
+                points[hit, axis] += height * normal[axis] / scale
         else:
-            (x, y, z), gain = turn_normal(arrays, instance, normal)
-            way[0], way[1], way[2] = x / gain, y / gain, z / gain
-        x, y, z = to_object(arrays, instance, way[0], way[1], way[2])
-        shares[0], shares[1], shares[2] = abs(x), abs(y), abs(z)
-        rounding, growth = _bound_roundings(arrays, instance, weights, local, shares)
-        coarseness = _bound_coarseness(arrays, instance, geometry, weights, local, locations, hit, reach)
-        height = (highest + rounding + coarseness) / (1.0 - min(growth, _MOST_GROWTH))
-        height = min(height, most) / scale
-        for axis in range(3):
-            points[hit, axis] = locations[hit, axis] + height * way[axis]
+            # The way in the world on which a height of 1 is gained in the object: along the world's normal, on which it
+            # is shortest; inside of a sphere towards the centre, and no farther.
+            if is_upright or is_inside:
+                way[0], way[1], way[2] = place_vector(arrays, instance, normal[0], normal[1], normal[2])
+            else:
+                (x, y, z), gain = turn_normal(arrays, instance, normal)
+                way[0], way[1], way[2] = x / gain, y / gain, z / gain
+            x, y, z = to_object(arrays, instance, way[0], way[1], way[2])
+            shares[0], shares[1], shares[2] = abs(x), abs(y), abs(z)
+            _bound_roundings(arrays, instance, local, shares, errors, growths)
+            _add_coarseness(arrays, instance, geometry, local, points, hit, reach, errors)
+            growth = min(_add_errors(growths, is_inside), _MOST_GROWTH)
+            height = min((highest + _add_errors(errors, is_inside)) / (1.0 - growth), most)
+            for axis in range(3):
+                points[hit, axis] += height / scale * way[axis]
+        w = 1.0 - u - v
+        if from_edge == 0.0 or min(u, v, w) < from_edge * height or 1.0 - max(u, v, w) < from_corner * height:
+            heights[hit] = height
 
 
 @compiled
-def _bound_lone_roundings(scale, weights, local, location):
-    """Return how far rounding can move a point of a lone shape and its surface apart, in local units."""
-    reach, breadth, coarseness = 0.0, 0.0, 0.0
+def _add_errors(errors, is_inside):
+    """Return how far errors along the axes lead at most: in any direction, or in all of them inside of a sphere."""
+    if is_inside:
+        return errors[0] + errors[1] + errors[2]
+    return np.sqrt(errors[0] * errors[0] + errors[1] * errors[1] + errors[2] * errors[2])
+
+
+@compiled
+def _bound_lone_roundings(scale, local, locations, hit, errors):
+    """Write how far rounding can move a point of a lone shape and its surface apart along each axis, in local units."""
+    rounding = ROUNDINGS * ROUNDING * (max(abs(local[0]), abs(local[1]), abs(local[2])) + 1.0)
     for axis in range(3):
-        reach = max(reach, abs(local[axis]))
-        breadth += weights[axis]
-        coarseness += weights[axis] * abs(location[axis]) * scale
-    return ROUNDINGS * ROUNDING * (reach + 1.0) * breadth, 2 * DOUBLE_ROUNDING * coarseness
+        errors[axis] = rounding + 2 * DOUBLE_ROUNDING * abs(locations[hit, axis]) * scale
 
 
 @compiled
-def _bound_roundings(arrays, instance, weights, local, shares):
-    """Return how far float32 moves a ray and a primitive apart, and by how much more for a height of 1.
+def _bound_roundings(arrays, instance, local, shares, errors, growths):
+    """Write how far float32 moves a ray and a primitive apart along each axis, and by how much more for a height of 1.
 
-    In local units. `weights` are those of the object's axes, and `shares` is how far a start point is moved along each
-    of them for a height of 1.
+    In local units. `shares` is how far a start point is moved along each of the object's axes for a height of 1.
     """
     reach = 1.0 + max(abs(local[0]), abs(local[1]), abs(local[2]))
     sideways = max(shares[0], shares[1], shares[2])
-    rounding, growth = 0.0, 0.0
     for axis in range(3):
         entry, growth_of_entry = 0.0, 0.0
         for column in range(3):
@@ -135,21 +146,19 @@ def _bound_roundings(arrays, instance, weights, local, shares):
                 condition += share * abs(arrays.linear[instance, world_axis, column])
             entry += condition * (1.0 + abs(local[column]))
             growth_of_entry += condition * shares[column]
-        rounding += weights[axis] * (ROUNDINGS * reach + _ENTRY_ROUNDINGS * entry)
-        growth += weights[axis] * (ROUNDINGS * sideways + _ENTRY_ROUNDINGS * growth_of_entry)
-    return ROUNDING * rounding, ROUNDING * growth
+        errors[axis] = ROUNDING * (ROUNDINGS * reach + _ENTRY_ROUNDINGS * entry)
+        growths[axis] = ROUNDING * (ROUNDINGS * sideways + _ENTRY_ROUNDINGS * growth_of_entry)
 
 
 @compiled
-def _bound_coarseness(arrays, instance, geometry, weights, local, locations, hit, reach):
-    """Return how far the roundings of world coordinates, in float64 and in pairs, move a point, in local units."""
-    coarseness = 0.0
+def _add_coarseness(arrays, instance, geometry, local, locations, hit, reach, errors):
+    """Add how far the roundings of world coordinates, in float64 and in pairs, move a point, in local units."""
+    scale = arrays.scale[geometry]
     for world_axis in range(3):
         size = _add_magnitudes(arrays, instance, geometry, local, locations, hit, world_axis)
         moved = _PAIR_ROUNDING * reach + _DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size
         for axis in range(3):
-            coarseness += weights[axis] * abs(arrays.inverse[instance, axis, world_axis]) * moved
-    return coarseness * arrays.scale[geometry]
+            errors[axis] += abs(arrays.inverse[instance, axis, world_axis]) * moved * scale
 
 
 @compiled

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from ..world.world import World
 from .interpolate import group_by_geometry, interpolate_vertices
 from .locations import locate_points, make_normals, turn_normals
 from .offsets import offset_points
+from .room import make_room
 
 # To ask for threads would take longer than fewer points.
 _FEW_POINTS = 1 << 10
@@ -110,7 +111,7 @@ class Surface:
 
     def locate(self, points: SurfacePoints) -> NDArray[np.float64]:
         """Return (..., 3) float64: where the points are, on a triangle at ``a + (u (b - a) + v (c - a))``."""
-        return self._for_points(locate_points, points)
+        return self._for_points(_locate, points)
 
     def normals(self, points: SurfacePoints) -> NDArray[np.float64]:
         """Return (..., 3) float64: unit normals of the primitives, on the object's outer side.
@@ -119,7 +120,7 @@ class Surface:
         sphere is its outside. A mirror takes it along. A triangle so thin that float64 does not know its normal has one
         across its longest edge, and one whose corners are one point has NaN.
         """
-        return self._for_points(make_normals, points)
+        return self._for_points(_find_normals, points)
 
     def turn_normals(self, instance_id: NDArray[np.int32], normals: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (n, 3) float64: unit normals in the world of (n, 3) vectors of about length 1, normal in objects."""
@@ -156,20 +157,14 @@ class Surface:
             heights = np.einsum("...i,...i->...", directions / longest, self.normals(points))
         return np.asarray(heights >= 0.0)
 
-    def offset_points(
-        self, points: SurfacePoints, locations: NDArray[np.float64], is_front: NDArray[np.bool_]
-    ) -> NDArray[np.float64]:
-        """Return (..., 3) float64: start points of rays, next to the locations on the outer side or the inner one."""
-
-        def offset(arrays: SurfaceArrays, *of_points: NDArray[Any]) -> None:
-            offset_points(arrays, self.reach, *of_points)
-
-        return self._for_points(offset, points, locations, is_front)
+    def offset_points(self, points: SurfacePoints, is_front: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return (..., 3) float64: start points of rays, next to points on the outer side or the inner one."""
+        return self._for_points(_offset, points, is_front)
 
     def _for_points(
         self, compute: Callable[..., None], points: SurfacePoints, *more: NDArray[Any]
     ) -> NDArray[np.float64]:
-        """Return (..., 3) float64: the vectors that a compiled function writes for points, given more of their data."""
+        """Return (..., 3) float64: vectors that a function of the surface writes for points and more of their data."""
         shape = points.prim_id.shape
         vectors = np.empty((*shape, 3))
         flat = vectors.reshape(-1, 3)
@@ -177,7 +172,7 @@ class Surface:
         inputs: list[NDArray[Any]] = [*points.flat(), *others]
 
         def compute_part(begin: int, end: int) -> None:
-            compute(self.arrays, *(values[begin:end] for values in inputs), flat[begin:end])
+            compute(self, *(values[begin:end] for values in inputs), flat[begin:end])
 
         if len(flat) < _FEW_POINTS:
             compute_part(0, len(flat))
@@ -185,3 +180,39 @@ class Surface:
         with HostThreads() as threads:
             threads.for_ranges(len(flat), compute_part)
         return vectors
+
+
+def _locate(surface: Surface, *of_points: NDArray[Any]) -> None:
+    locate_points(surface.arrays, *of_points)
+
+
+def _find_normals(surface: Surface, *of_points: NDArray[Any]) -> None:
+    make_normals(surface.arrays, *of_points)
+
+
+def _offset(
+    surface: Surface,
+    prim_ids: NDArray[np.int32],
+    instance_ids: NDArray[np.int32],
+    us: NDArray[np.float64],
+    vs: NDArray[np.float64],
+    is_front: NDArray[np.bool_],
+    starts: NDArray[np.float64],
+) -> None:
+    arrays, reach, heights = surface.arrays, surface.reach, np.empty(len(us))
+    offset_points(arrays, reach, False, prim_ids, instance_ids, us, vs, is_front, starts, heights)
+    crowded = np.flatnonzero(heights)
+    if len(crowded) == 0:
+        return
+    points = prim_ids[crowded], instance_ids[crowded], us[crowded], vs[crowded], is_front[crowded]
+    moved, heights = np.empty((len(crowded), 3)), heights[crowded]
+    offset_points(arrays, reach, True, *points, moved, heights)
+    for geometry, rows in group_by_geometry(surface.geometry_ids(points[1])):
+        mesh, first = cast(Mesh, surface.shapes[geometry]), arrays.first_face[geometry]
+        make_room(
+            mesh.vertices, mesh.faces, mesh.origin, mesh.scale, mesh.corner_faces,
+            arrays.margins[first : first + mesh.face_count], rows, points[0], *points[2:], heights,
+        )  # fmt: skip
+    is_moved = heights > 0.0
+    offset_points(arrays, reach, True, *points, moved, heights)
+    starts[crowded[is_moved]] = moved[is_moved]

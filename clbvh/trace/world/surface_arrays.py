@@ -68,6 +68,9 @@ class SurfaceArrays(NamedTuple):
         only one.
     spheres : (n, 4) float64, object units
         The centre and the radius of all spheres of all geometries.
+    margins : (F, 4) float32
+        Of the faces: how close to an edge, and to a corner, of a face a start point may have another triangle beside
+        it, on the outer side and on the inner one; see hits/room.py, which writes it. 0: not known yet.
     kind : (G,) int32
         One of `structs.PRIM_KINDS` of each geometry.
     first_vertex, first_face, first_sphere : (G,) int64
@@ -102,6 +105,7 @@ class SurfaceArrays(NamedTuple):
     vertices: NDArray[np.float64]
     faces: NDArray[np.int32]
     spheres: NDArray[np.float64]
+    margins: NDArray[np.float32]
     kind: NDArray[np.int32]
     first_vertex: NDArray[np.int64]
     first_face: NDArray[np.int64]
@@ -147,7 +151,7 @@ def make_surface_arrays(
     -------
     SurfaceArrays
         In a scene of several meshes, 24 bytes for each vertex and 12 for each face are copied; 32
-        for each sphere.
+        for each sphere. Start points take 16 bytes for each face.
 
     Raises
     ------
@@ -165,6 +169,8 @@ def make_surface_arrays(
         vertices=_join([mesh.vertices for mesh in meshes], np.empty((0, 3))),
         faces=_join([mesh.faces for mesh in meshes], np.empty((0, 3), np.int32)),
         spheres=_join([np.column_stack((shape.centres, shape.radii)) for shape in spheres], np.empty((0, 4))),
+        # Zeros are no memory until they are touched.
+        margins=meshes[0].margins if len(meshes) == 1 else np.zeros((sum(mesh.face_count for mesh in meshes), 4), "f4"),
         kind=np.array([_TRIANGLES if isinstance(shape, Mesh) else _SPHERES for shape in shapes], np.int32),
         first_vertex=_first_rows([len(shape.vertices) if isinstance(shape, Mesh) else 0 for shape in shapes]),
         first_face=_first_rows([len(shape.faces) if isinstance(shape, Mesh) else 0 for shape in shapes]),
