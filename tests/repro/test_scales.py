@@ -210,3 +210,22 @@ def test_a_vertex_of_no_face_made_the_mesh_small(session):
     assert strayed.local_vertices[:-1].tobytes() == mesh.local_vertices.tobytes()
     moved = strayed.with_vertices(strayed.vertices + 1)
     assert moved.scale == mesh.scale
+
+
+def test_start_points_were_as_far_away_as_the_whole_is_large(session):
+    """80 units above a ball of radius 1."""
+    vertices, faces = join(ball(), slope(2e7))
+    generator = np.random.default_rng(SEED)
+    with Tracer(Mesh.from_arrays(vertices, faces), device=session.info) as tracer:
+        hits = tracer.closest_hit(*rays_at(np.zeros(3), 1.0, 4000, generator))
+        hits = hits[hits.is_hit]
+        starts, normals = hits.offset_origins(), hits.normals(facing=True)
+        leaps = np.linalg.norm(starts - hits.locations, axis=1)
+        assert leaps[hits.prim_id < 320].max() < 1e-9
+        assert leaps.max() < 1e-3
+        away = generator.normal(size=starts.shape)
+        away *= np.where((away * normals).sum(axis=1, keepdims=True) < 0, -1, 1)
+        again = tracer.all_hits(starts, away)
+        assert not (again.prim_id == hits.prim_id[again.ray_id]).any()
+        below = hits[hits.prim_id >= 320]
+        assert tracer.any_hit(below.offset_origins(), -below.locations).all()

@@ -5,7 +5,8 @@ the tracer has in float32, and the triangle test rounds as well. The distance is
 docs/internals/offsets.md derives.
 
 The tracer takes a ray into an instance in float32, so that map rounds as well: the bound is in the object's local
-coordinates.
+coordinates. In a world with shapes that span scales, the same roundings are those of float64, and relative to the
+primitive instead of the shape: `extent` is its size, or that of any shape, 1.
 """
 
 from __future__ import annotations
@@ -14,13 +15,9 @@ import numpy as np
 
 from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
-from ..world.surface_arrays import place_vector, to_object
+from ..world.surface_arrays import DOUBLE_ROUNDING, FLOAT_ROUNDING, place_vector, to_object
 from .locations import find_corners, locate_point, make_normal, turn_normal
 from .spheres import sphere_point
-
-# Unit roundoffs of float32 and float64.
-ROUNDING = 2.0**-24
-DOUBLE_ROUNDING = 2.0**-53
 
 # Roundings of float32 between a point and the t of a triangle, by docs/internals/offsets.md.
 ROUNDINGS = 40
@@ -76,19 +73,20 @@ def offset_points(arrays, reach, is_upright, prim_ids, instance_ids, us, vs, is_
             x, y, z = sphere_point(u, v)
             normal = side * x, side * y, side * z
             highest, radius = _find_on_sphere(arrays, geometry, prim, normal, is_front[hit], local)
-            highest += _ROOT_ROUNDINGS * ROUNDING * radius
+            highest += _ROOT_ROUNDINGS * arrays.rounding * radius
+            extent = 1.0 if arrays.rounding == FLOAT_ROUNDING else 2.0 * radius
             most = np.inf if is_front[hit] else radius
         else:
             corners = find_corners(arrays, geometry, prim)
             x, y, z = make_normal(corners[0], corners[1], corners[2], scale)
             normal = side * x, side * y, side * z
-            highest = _find_on_triangle(arrays, geometry, corners, u, v, normal, local)
+            highest, extent = _find_on_triangle(arrays, geometry, corners, u, v, normal, local)
             face, column = arrays.first_face[geometry] + prim, 0 if is_front[hit] else 2
             from_edge, from_corner = arrays.margins[face, column], arrays.margins[face, column + 1]
 
         is_inside = np.isfinite(most)
         if arrays.is_lone:
-            _bound_lone_roundings(scale, local, points, hit, errors)
+            _bound_lone_roundings(arrays.rounding, extent, scale, local, points, hit, errors)
             height = min(highest + _add_errors(errors, is_inside), most)
             for axis in range(3):
                 points[hit, axis] += height * normal[axis] / scale
@@ -102,7 +100,7 @@ def offset_points(arrays, reach, is_upright, prim_ids, instance_ids, us, vs, is_
                 way[0], way[1], way[2] = x / gain, y / gain, z / gain
             x, y, z = to_object(arrays, instance, way[0], way[1], way[2])
             shares[0], shares[1], shares[2] = abs(x), abs(y), abs(z)
-            _bound_roundings(arrays, instance, local, shares, errors, growths)
+            _bound_roundings(arrays, instance, extent, local, shares, errors, growths)
             _add_coarseness(arrays, instance, geometry, local, points, hit, reach, errors)
             growth = min(_add_errors(growths, is_inside), _MOST_GROWTH)
             height = min((highest + _add_errors(errors, is_inside)) / (1.0 - growth), most)
@@ -122,20 +120,20 @@ def _add_errors(errors, is_inside):
 
 
 @compiled
-def _bound_lone_roundings(scale, local, locations, hit, errors):
+def _bound_lone_roundings(rounding, extent, scale, local, locations, hit, errors):
     """Write how far rounding can move a point of a lone shape and its surface apart along each axis, in local units."""
-    rounding = ROUNDINGS * ROUNDING * (max(abs(local[0]), abs(local[1]), abs(local[2])) + 1.0)
+    error = ROUNDINGS * rounding * (max(abs(local[0]), abs(local[1]), abs(local[2])) + extent)
     for axis in range(3):
-        errors[axis] = rounding + 2 * DOUBLE_ROUNDING * abs(locations[hit, axis]) * scale
+        errors[axis] = error + 2 * DOUBLE_ROUNDING * abs(locations[hit, axis]) * scale
 
 
 @compiled
-def _bound_roundings(arrays, instance, local, shares, errors, growths):
+def _bound_roundings(arrays, instance, extent, local, shares, errors, growths):
     """Write how far float32 moves a ray and a primitive apart along each axis, and by how much more for a height of 1.
 
     In local units. `shares` is how far a start point is moved along each of the object's axes for a height of 1.
     """
-    reach = 1.0 + max(abs(local[0]), abs(local[1]), abs(local[2]))
+    reach = extent + max(abs(local[0]), abs(local[1]), abs(local[2]))
     sideways = max(shares[0], shares[1], shares[2])
     for axis in range(3):
         entry, growth_of_entry = 0.0, 0.0
@@ -144,10 +142,10 @@ def _bound_roundings(arrays, instance, local, shares, errors, growths):
             for world_axis in range(3):
                 share = abs(arrays.inverse[instance, axis, world_axis])
                 condition += share * abs(arrays.linear[instance, world_axis, column])
-            entry += condition * (1.0 + abs(local[column]))
+            entry += condition * (extent + abs(local[column]))
             growth_of_entry += condition * shares[column]
-        errors[axis] = ROUNDING * (ROUNDINGS * reach + _ENTRY_ROUNDINGS * entry)
-        growths[axis] = ROUNDING * (ROUNDINGS * sideways + _ENTRY_ROUNDINGS * growth_of_entry)
+        errors[axis] = arrays.rounding * (ROUNDINGS * reach + _ENTRY_ROUNDINGS * entry)
+        growths[axis] = arrays.rounding * (ROUNDINGS * sideways + _ENTRY_ROUNDINGS * growth_of_entry)
 
 
 @compiled
@@ -174,19 +172,26 @@ def _add_magnitudes(arrays, instance, geometry, local, locations, hit, world_axi
 
 @compiled
 def _find_on_triangle(arrays, geometry, corners, u, v, normal, local):
-    """Write the local coordinates of a point; return how much higher the float32 triangle reaches along a normal."""
+    """Write the local coordinates of a point; return how much higher the tracer's triangle is, and the extent."""
     scale, highest = arrays.scale[geometry], 0.0
     for axis in range(3):
         a = corners[0][axis]
         point = a + (u * (corners[1][axis] - a) + v * (corners[2][axis] - a))
         local[axis] = (point - arrays.origin[geometry, axis]) * scale
+    if arrays.rounding < FLOAT_ROUNDING:
+        extent = 0.0
+        for corner in range(3):
+            for axis in range(3):
+                place = (corners[corner][axis] - arrays.origin[geometry, axis]) * scale
+                extent = max(extent, abs(place - local[axis]))
+        return 0.0, extent
     for corner in range(3):
         height = 0.0
         for axis in range(3):
             on_device = np.float32((corners[corner][axis] - arrays.origin[geometry, axis]) * scale)
             height += (np.float64(on_device) - local[axis]) * normal[axis]
         highest = max(highest, height)
-    return highest
+    return highest, 1.0
 
 
 @compiled
@@ -198,10 +203,10 @@ def _find_on_sphere(arrays, geometry, prim, normal, is_outside, local):
     scale, sphere = arrays.scale[geometry], arrays.first_sphere[geometry] + prim
     radius = arrays.spheres[sphere, 3] * scale
     side = 1.0 if is_outside else -1.0
-    height = 0.0
+    height, is_rounded = 0.0, arrays.rounding == FLOAT_ROUNDING
     for axis in range(3):
         centre = (arrays.spheres[sphere, axis] - arrays.origin[geometry, axis]) * scale
         local[axis] = centre + side * radius * normal[axis]
-        height += (np.float64(np.float32(centre)) - local[axis]) * normal[axis]
-    height += side * max(np.float64(np.float32(radius)), _LEAST_RADIUS)
+        height += ((np.float64(np.float32(centre)) if is_rounded else centre) - local[axis]) * normal[axis]
+    height += side * (max(np.float64(np.float32(radius)), _LEAST_RADIUS) if is_rounded else radius)
     return max(height, 0.0), radius

@@ -25,11 +25,11 @@ from ...structs import (
     HEMISPHERE_T_MAX,
 )
 from ...support.compiled import compiled
-from ..hits.offsets import DOUBLE_ROUNDING, ROUNDING
 from ..launch import Batch, Call, Caster, Query
 from ..ranges import cast_ranges
 from ..rays.batch import Broadcast, broadcast_shape, check_room, read_lengths, read_masks, read_vectors
 from ..rays.pieces import LEAST_RAYS, Progress
+from ..world.surface_arrays import DOUBLE_ROUNDING, FLOAT_ROUNDING
 from ..world.tree_box import TreeBox
 from .pack import cut_points_of, find_point_order, put_points, take_masks, take_points
 
@@ -197,7 +197,7 @@ class Hemispheres(NamedTuple):
         if lost_count:
             normals, masks = np.where(is_lost[:, None], 1.0, normals), np.where(is_lost, np.uint32(0), masks)
             normals.flags.writeable = masks.flags.writeable = False  # as others are, see `Broadcast.part`
-        rounding = ROUNDING if self.points.items.dtype == np.float32 else DOUBLE_ROUNDING
+        rounding = FLOAT_ROUNDING if self.points.items.dtype == np.float32 else DOUBLE_ROUNDING
         return HemisphereRows(
             points, normals, self.max_distance.part(begin, end, _FLOAT64), masks, _POINT_ROUNDINGS * rounding,
             self.offset, lost_count,
@@ -243,7 +243,7 @@ def pack_hemispheres(call: Call, rows: HemisphereRows, order: NDArray[np.int32],
     world = call.world
     centre, scale = world.box.centre, world.box.scale
     # Over the surface of a lone shape, which the device has in float32, they are lifted here, over others there.
-    surface_rounding = _SURFACE_ROUNDINGS * ROUNDING if world.is_lone else 0.0
+    surface_rounding = _SURFACE_ROUNDINGS * world.arrays.rounding if world.is_lone else 0.0
     pair_rounding = 0.0 if world.is_lone else _PAIR_ROUNDING * float(world.box.half.max())
     masks = rows.masks.view(np.int32)
 

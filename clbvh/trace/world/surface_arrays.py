@@ -19,6 +19,12 @@ from ...support.compiled import compiled
 from ...support.loop_functions import add_scaled, cross, dot, exponent_of, times_power_of_two
 from ...support.memory import check_memory
 
+# Unit roundoffs of float32 and float64; and what stands for the latter where float64 decides: normals and directions are
+# rounded, too, and those of needles by more.
+FLOAT_ROUNDING = 2.0**-24
+DOUBLE_ROUNDING = 2.0**-53
+FINE_ROUNDING = 2.0**-42
+
 
 class SurfacePoints(NamedTuple):
     """Points on the primitives of a surface.
@@ -100,6 +106,9 @@ class SurfaceArrays(NamedTuple):
     is_lone : bool
         Whether this is one shape where its coordinates say: no transform may change a bit of it, not even a zero's
         sign. Its `world_scale` is its `scale`.
+    rounding : float
+        That of the numbers in which the tracer decides what rays hit: relative to local coordinates and to the size of
+        the shape, or, where it is smaller than `FLOAT_ROUNDING`, of the primitive.
     """
 
     vertices: NDArray[np.float64]
@@ -120,6 +129,7 @@ class SurfaceArrays(NamedTuple):
     world_scale: NDArray[np.float64]
     is_mirrored: NDArray[np.bool_]
     is_lone: bool = False
+    rounding: float = FLOAT_ROUNDING
 
 
 _FIRST = np.zeros(1, np.int32)
@@ -185,6 +195,7 @@ def make_surface_arrays(
         world_scale=np.array([shapes[geometry].scale for geometry in geometry_id[:1]]),
         is_mirrored=np.zeros(1, np.bool_),
         is_lone=transforms is None,
+        rounding=FINE_ROUNDING if any(shape.spans_scales for shape in shapes) else FLOAT_ROUNDING,
     )
     return arrays if transforms is None else move_instances(arrays, transforms)
 
