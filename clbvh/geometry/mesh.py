@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from operator import index
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +23,7 @@ from .appearance.appearance import Appearance, check_fit
 from .arrays import as_array, check_numbers, copy_as_float64
 from .coincident import Coincidence, find_coincidence
 from .local_frame import LocalFrame, find_bounds, shift_and_scale
-from .scales import find_mesh_frame
+from .scales import Frame, find_mesh_frame, move_frame
 from .topology import CornerFaces, find_corner_faces, find_points, find_vertex_normals, is_closed, measure_faces
 
 # A tree over n primitives has up to 2n - 1 nodes, and both are counted in int32.
@@ -157,8 +157,7 @@ class Mesh(LocalFrame):
         check_fit(appearance, len(checked_faces), name, has_corners=True)
         checked_parts = _check_parts(parts, len(checked_faces), name)
         mesh = cls(checked_vertices, checked_faces, *frame[:3], name, appearance, checked_parts)
-        vars(mesh)["spans_scales"] = frame.spans_scales  # cached
-        return mesh
+        return mesh._keep(frame)
 
     def with_vertices(self, vertices: ArrayLike) -> Mesh:
         """Return a mesh of the same faces with moved vertices.
@@ -193,13 +192,24 @@ class Mesh(LocalFrame):
                 f"{self.name}: {len(checked_vertices):,} vertices cannot replace the mesh's {len(self.vertices):,}"
             )
         appearance = None if self.appearance is None else self.appearance.without_normals()
-        frame = find_mesh_frame(checked_vertices, self.faces, self.name)
-        moved = Mesh(checked_vertices, self.faces, *frame[:3], self.name, appearance, self.parts)
-        vars(moved)["spans_scales"] = frame.spans_scales
+        sized_scale = vars(self).get("_sized_scale")
+        if sized_scale is None or self.spans_scales:
+            frame = find_mesh_frame(checked_vertices, self.faces, self.name)
+        else:
+            frame = move_frame(
+                checked_vertices, self.faces, self.name, loose=self.loose_vertices, sized_scale=sized_scale
+            )
+        moved = Mesh(checked_vertices, self.faces, *frame[:3], self.name, appearance, self.parts)._keep(frame)
         for name in ("_is_joined", "corner_faces"):  # cached: they depend on the faces alone
             if name in vars(self):
                 vars(moved)[name] = vars(self)[name]
         return moved
+
+    def _keep(self, frame: Frame) -> Self:
+        """Keep what the search for local coordinates has found besides them; pickles do without."""
+        names = {"spans_scales": frame.spans_scales, "loose_vertices": frame.loose_vertices}
+        vars(self).update(names, _sized_scale=frame.sized_scale)
+        return self
 
     @property
     def face_count(self) -> int:
@@ -230,7 +240,8 @@ class Mesh(LocalFrame):
     def spans_scales(self) -> bool:
         """Whether parts of the mesh are so small beside the whole that float64 decides what rays hit.
 
-        That is a vertex all of whose faces are smaller than 2^-16 of half the box.
+        That is a vertex all of whose faces are smaller than 2^-16 of half the box. A mesh of `with_vertices` is looked
+        at again once its box has grown to twice the size.
 
         Examples
         --------

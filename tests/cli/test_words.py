@@ -52,7 +52,7 @@ def folder(tmp_path, monkeypatch):
     objects = '[[object]]\nshape = "icosphere"\ntriangles = 20\n'
     (tmp_path / "scene.toml").write_text(2 * objects)
     (tmp_path / "bare.toml").write_text(f"{objects}[view]\ntransparent = true\n")
-    (tmp_path / "wrong.toml").write_text(f"{objects}scale = [1, 0, 1]\n")
+    (tmp_path / "wrong.toml").write_text(f"{objects}scale = [1, 2]\n")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -63,7 +63,7 @@ def test_polygons_grids_and_triangles_are_meshes():
         assert tracer.closest_hit([2.1, 0.1, 5], DOWN).prim_id == 4
     for wrong, message in (
         (PolyData(POINTS, [[0, 1, 9]]), "PolyData: face 0 refers to vertex 9"),
-        (SimpleNamespace(extract_surface=lambda: 1 / 0), r"a types\.Simple.* no triangles .*\(ZeroDivisionError: "),
+        (SimpleNamespace(extract_surface=lambda: 1 / 0), r"a types\.SimpleNamespace has no triangles that can be read"),
     ):
         with pytest.raises(MeshError, match=message):
             clbvh.Scene(wrong)

@@ -19,8 +19,8 @@ from ...support.compiled import compiled
 from ...support.loop_functions import add_scaled, cross, dot, exponent_of, times_power_of_two
 from ...support.memory import check_memory
 
-# Unit roundoffs of float32 and float64; and what stands for the latter where float64 decides: normals and directions are
-# rounded, too, and those of needles by more.
+# Unit roundoffs of float32 and float64; and what stands for the latter where float64 decides: users round normals and
+# directions, and those of needles by more.
 FLOAT_ROUNDING = 2.0**-24
 DOUBLE_ROUNDING = 2.0**-53
 FINE_ROUNDING = 2.0**-42

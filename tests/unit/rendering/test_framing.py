@@ -25,7 +25,7 @@ def cloud(seed, extents=(3, 1, 0.4), count=300):
 
 def mesh_of(points):
     """A mesh with these vertices; its triangle does not matter."""
-    return Mesh.from_arrays(points, [[0, 0, 0]])
+    return Mesh.from_arrays(points, np.repeat(np.arange(len(points)), 3).reshape(-1, 3))
 
 
 def places(camera, points, aspect):
