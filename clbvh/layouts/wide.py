@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.bvh import Bvh
+from ..geometry import Mesh
 from ..geometry.corners import Bounded, find_corners
 from ..structs import NO_PRIM, NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX, WIDE_NODES
 from ..support.compiled import compiled
@@ -260,6 +261,9 @@ def _list_prims(node_ints, prim_ids, top, stack, prims):
 # quarter.
 _BLOCK_PRICE = 20.0
 
+# Faces whose boxes tell the area of an average node, where that around the mesh does not.
+_SAMPLED_FACES = 1 << 12
+
 
 def block_price(shape: Bounded) -> np.float32:
     """Return what a block costs besides its area, in units of that: for trees over this shape."""
@@ -269,9 +273,19 @@ def block_price(shape: Bounded) -> np.float32:
 def block_prices(shapes: Sequence[Bounded]) -> NDArray[np.float32]:
     """Return the `block_price` of each shape."""
     boxes = np.array([shape.local_box for shape in shapes], np.float64)
-    x, y, z = (boxes[:, 1] - boxes[:, 0]).T
     counts = np.array([shape.prim_count for shape in shapes])
-    return (_BLOCK_PRICE * (x * y + y * z + z * x) / counts).astype(np.float32)
+    prices = _half_areas(boxes[:, 1] - boxes[:, 0]) / counts
+    for number, shape in enumerate(shapes):
+        if isinstance(shape, Mesh) and shape.spans_scales:
+            # The box would make blocks so dear that no areas beside it mattered.
+            corners = shape.local_vertices[shape.faces[:: 1 + shape.face_count // _SAMPLED_FACES]].astype(np.float64)
+            prices[number] = np.median(_half_areas(np.ptp(corners, axis=1)))
+    return (_BLOCK_PRICE * prices).astype(np.float32)
+
+
+def _half_areas(extents: NDArray[np.float64]) -> NDArray[np.float64]:
+    x, y, z = extents.T
+    return x * y + y * z + z * x
 
 
 def _choose_children(tree: BinaryTree, block_price: np.float32, threads: HostThreads) -> None:
