@@ -9,7 +9,7 @@
 #include "traversal/traverse.cl"
 #include "world/world.cl"
 
-#if LONE && HAS_ENTRY_POINTS
+#if LONE && HAS_ENTRY_POINTS && !EXACT
 
 // Room for the subtrees, in vectors of WIDTH boxes.
 #ifndef SUBTREE_GROUPS

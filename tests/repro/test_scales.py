@@ -229,3 +229,16 @@ def test_start_points_were_as_far_away_as_the_whole_is_large(session):
         assert not (again.prim_id == hits.prim_id[again.ray_id]).any()
         below = hits[hits.prim_id >= 320]
         assert tracer.any_hit(below.offset_origins(), -below.locations).all()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_ambient_occlusion_was_that_of_the_whole(session, layout):
+    """Of points around a ball, which hides the share of the hemisphere that it does without a ground."""
+    points, away = 1.1 * np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0.0]]), [-0.3, -0.1, 1]  # at right angles to the slope
+    with (
+        Tracer(Mesh.from_arrays(*join(ball(), slope(2e7))), layout=layout, device=session.info) as tracer,
+        Tracer(Mesh.from_arrays(*ball()), layout=layout, device=session.info) as alone,
+    ):
+        expected = alone.ambient_occlusion(points, away, rays=256)
+        assert expected[1] < 0.5
+        np.testing.assert_allclose(tracer.ambient_occlusion(points, away, rays=256), expected, atol=0.02)
