@@ -81,7 +81,12 @@ INLINED instance_surface_t instance_surface_at(
 #endif
     const float3 direction = transform_vector(instance->to_object, ray->direction);
     const corners_t corners = corners_at(own_blocks, search->nearest.triangle_index);
-    const surface_t tight = surface_at(&corners, &search->nearest, direction);
+#if EXACT
+    const corners_t edges = exact_edges(&ray->shapes, search->instance_id, search->nearest.prim_id);
+#else
+    const corners_t edges = corners;
+#endif
+    const surface_t tight = surface_at(&corners, &edges, &search->nearest, direction);
     const surface_t surface = with_even_error(&tight);
     return place_surface(instance, &surface);
 }

@@ -10,7 +10,29 @@ typedef struct {
     bool is_back;   // whether the ray comes from the side from which the corners are clockwise
 } surface_t;
 
-INLINED surface_t surface_at(const corners_t *corners, const crossing_t *crossing, const float3 direction)
+#if EXACT
+
+// The edges from the first corner of a triangle of the file, in the shape's local coordinates: corners that float32
+// cannot tell apart have no normal.
+INLINED corners_t exact_edges(const exact_shapes_t *shapes, const int instance_id, const int prim_id)
+{
+    const global exact_instance_t *instance = shapes->instances + instance_id;
+    const global int *face = shapes->faces + 3 * (instance->first_face + prim_id);
+    double3 at[3];
+    for (int corner = 0; corner < 3; corner++) {
+        at[corner] = to_shape(instance, load_double3(shapes->vertices + 3 * (instance->first_vertex + face[corner])));
+    }
+    const double size = most_of(largest_size(at[1] - at[0]), largest_size(at[2] - at[0]));
+    const corners_t edges = {
+        (float3)(0.0f), convert_float3((at[1] - at[0]) / size), convert_float3((at[2] - at[0]) / size)};
+    return edges;
+}
+
+#endif
+
+// `edges` are the corners whose normal is the surface's.
+INLINED surface_t surface_at(
+    const corners_t *corners, const corners_t *edges, const crossing_t *crossing, const float3 direction)
 {
     const float3 from_a = (1.0f - crossing->u - crossing->v) * corners->a;
     const float3 from_b = crossing->u * corners->b;
@@ -21,7 +43,7 @@ INLINED surface_t surface_at(const corners_t *corners, const crossing_t *crossin
     // At most seven roundings from a corner to the sum (Pharr, Jakob and Humphreys, "Physically based
     // rendering", section 6.8, 2023).
     surface.error = ERROR_BOUND(7) * (magnitude(from_a) + magnitude(from_b) + magnitude(from_c));
-    const float3 normal = normal_of_edges(corners->b - corners->a, corners->c - corners->a);
+    const float3 normal = normal_of_edges(edges->b - edges->a, edges->c - edges->a);
     surface.is_back = dot_product(normal, direction) > 0.0f;
     surface.normal = surface.is_back ? -normal : normal;
     return surface;

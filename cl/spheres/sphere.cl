@@ -59,7 +59,8 @@ typedef struct {
     float way_out;
 } chord_t;
 
-// Returns whether the line meets the sphere. NaN makes the comparison end in no crossing.
+// Returns whether the line meets the sphere; of one that passes it, the chord is the nearest point. NaN makes the
+// comparison end in no crossing.
 INLINED bool find_chord(const float3 sheared, const float radius, const ray_t *ray, chord_t *chord)
 {
     const int exponent = as_int(radius) & 0x7f800000;
@@ -70,10 +71,7 @@ INLINED bool find_chord(const float3 sheared, const float radius, const ray_t *r
     const float square = slope_squared(ray);
     const float twist = at.x * ray->shear.y - at.y * ray->shear.x;
     const float discriminant = square * (r * r) - (at.x * at.x + at.y * at.y + twist * twist);
-    if (!(discriminant >= 0.0f)) {
-        return false;
-    }
-    const float root = sqrt(discriminant);
+    const float root = sqrt(larger(discriminant, 0.0f));
     const float along = at.x * ray->shear.x + at.y * ray->shear.y;
     // Backwards along the longest component, the ray enters at the longer way.
     const float towards_entry = ray->shear.z < 0.0f ? root : -root;
@@ -81,7 +79,7 @@ INLINED bool find_chord(const float3 sheared, const float radius, const ray_t *r
     chord->at = at;
     chord->way_in = (towards_entry - along) / square;
     chord->way_out = (-towards_entry - along) / square;
-    return true;
+    return discriminant >= 0.0f;
 }
 
 #if EXACT

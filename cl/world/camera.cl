@@ -11,7 +11,7 @@ INLINED bool world_camera_ray(
 {
     position_t origin;
     float3 direction, direction_low;
-#if !LONE
+#if !LONE || EXACT
     const bool is_seen = camera_ray(view, film, lens, &origin.high, &origin.low, &direction, &direction_low);
 #else
     const bool is_seen = camera_ray(view, film, lens, &origin.high, 0, &direction, 0);

@@ -61,7 +61,12 @@ INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t
 #endif
 #else
     const corners_t corners = corners_at(world->blocks, search->nearest.triangle_index);
-    const surface_t tight = surface_at(&corners, &search->nearest, ray->direction);
+#if EXACT
+    const corners_t edges = exact_edges(&world->shapes, 0, search->nearest.prim_id);
+#else
+    const corners_t edges = corners;
+#endif
+    const surface_t tight = surface_at(&corners, &edges, &search->nearest, ray->direction);
     const surface_t own = with_even_error(&tight);
 #endif
     world_surface_t surface = {
@@ -108,6 +113,11 @@ INLINED bool is_sphere(const world_t *world, const search_t *search)
 
 INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t *ray, const search_t *search)
 {
+#if EXACT
+    world_ray_t own = *ray;
+    own.shapes = world->shapes;
+    ray = &own;
+#endif
     const instance_surface_t placed = instance_surface_at(world->instances, world->blocks, world->spheres, ray, search);
     world_surface_t surface = {
         placed.above, {placed.above, placed.above_low}, {placed.below, placed.below_low}, placed.normal,

@@ -75,7 +75,7 @@ def test_the_surface_of_a_triangle(call, place):
     normals *= -np.sign(dot(normals, directions))[:, None]
     leaving = leave(generator, normals, 1e-4).astype(np.float32)
     body = f"""{CROSSING}
-        const surface_t surface = surface_at(&corners, &crossing, direction);
+        const surface_t surface = surface_at(&corners, &corners, &crossing, direction);
         position = surface.position; normal = surface.normal; error = surface.error; above = point_above(&surface);
         const ray_t ray = make_ray(above, leaving, 0.0f, INFINITY);
         search_t search = make_search(1, 0);
@@ -145,7 +145,7 @@ def test_the_surface_of_an_instance(call, kind, size):
     normals *= -np.sign(dot(normals, directions))[:, None]
     body = f"""{CROSSING}
         const float3 inwards = transform_vector(instance->to_object, direction);
-        const surface_t surface = surface_at(&corners, &crossing, inwards);
+        const surface_t surface = surface_at(&corners, &corners, &crossing, inwards);
         const instance_surface_t placed = place_surface(instance, &surface);
         above = placed.above; above_low = placed.above_low; normal = placed.normal;
         const ray_pair_t ray = {{above, leaving, 0.0f, INFINITY, above_low, (float3)(0.0f), 1}};

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from clbvh import Mesh, Scene, Spheres, Tracer, make_shape
+from clbvh import Camera, Mesh, Scene, Spheres, Tracer, make_shape, render
 
 RATIOS = [2.0**4, 2.0**13, 1e5, 2e7, 2e8, 2.0**40]
 LAYOUTS = ["bvh2", "bvh8", "bvh8c"]
@@ -242,3 +242,19 @@ def test_ambient_occlusion_was_that_of_the_whole(session, layout):
         expected = alone.ambient_occlusion(points, away, rays=256)
         assert expected[1] < 0.5
         np.testing.assert_allclose(tracer.ambient_occlusion(points, away, rays=256), expected, atol=0.02)
+
+
+@pytest.mark.parametrize("kind", ["mesh", "spheres"])
+def test_pictures_of_a_far_ball_had_no_normals(session, kind):
+    """Of one of two that are far apart, as if it were alone; float32 does not tell its corners apart."""
+    centres = np.array([[0.0, 0, 0], [1e8, 0, 0]])
+    if kind == "mesh":
+        both, alone = Mesh.from_arrays(*join(*map(ball, centres))), Mesh.from_arrays(*ball())
+    else:
+        both, alone = Spheres(centres, [1, 1]), Spheres(centres[:1], [1])
+    pictures = []
+    for source, centre in ((both, centres[0]), (both, centres[1]), (alone, centres[0])):
+        camera = Camera(eye=centre + np.array([0, -4, 1]), look_at=centre)
+        pictures.append(render(source, camera=camera, shading="normal", width=48, height=48).pixels.astype(int))
+    for picture in pictures[:2]:
+        assert np.abs(picture - pictures[2]).mean() < 2
