@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..device.context import check_process
 from ..device.program import build_kernel
 from ..geometry.arrays import is_device_array, wait_for
-from ..structs import EXACT_RAY, FAR_RADII, PACKED_RAY, RAY_LOW
+from ..structs import FAR_RADII, PACKED_RAY, RAY_LOW
 from ..support.say_once import say_once
 from .host.walk import mean_steps
 from .launch import Batch, Call, Caster, is_device_forced
@@ -120,8 +120,7 @@ def put_rays(call: Call, batch: RayBatch | DeviceRays, piece: RayPiece, *, in_ra
         arrays = _put_arrays(call, batch, piece)
         rays = _pack_on_device(call, batch, piece, arrays)
     else:
-        has_lows = call.world.is_exact or not call.world.is_lone
-        rays = _pack_with_lows(call, batch, piece) if has_lows else _pack_lone(call, batch, piece)
+        rays = _pack_lone(call, batch, piece) if call.world.low_dtype is None else _pack_with_lows(call, batch, piece)
     described = rays | {"ray_count": np.int32(count), "row_length": np.int32(row_length)}
     starts = AT_THE_ROOT
     if piece.is_coherent and call.world.has_entry_points:
@@ -154,9 +153,8 @@ def _pack_on_device(call: Call, rays: DeviceRays, piece: RayPiece, arrays: dict[
     """Return the buffers of rays in arrays, by the names of the kernels' arguments, once the device has packed them."""
     world, session, count = call.world, call.session, piece.ray_count
     packed = call.take("rays", count * PACKED_RAY.itemsize, for_mapping=True)
-    low = EXACT_RAY if world.is_exact else RAY_LOW
-    has_lows = world.is_exact or not world.is_lone
-    lows = call.take("lows", count * low.itemsize, for_mapping=True) if has_lows else None
+    low = world.low_dtype
+    lows = None if low is None else call.take("lows", count * low.itemsize, for_mapping=True)
     every = Broadcast.of_one(np.array([ALL_VISIBLE]), rays.shape)
     masks = (rays.mask or every).part(piece.begin, piece.end, np.dtype(np.uint32))
     bad = np.array([count], np.int32)
@@ -170,7 +168,7 @@ def _pack_on_device(call: Call, rays: DeviceRays, piece: RayPiece, arrays: dict[
     session.download(bad_buffer, bad)
     if bad[0] < count:
         raise explain_bad_ray(rays.to_host(), piece.begin + int(bad[0]))
-    return {"rays": packed, "lows": lows, "low_step": np.int32(has_lows)}
+    return {"rays": packed, "lows": lows, "low_step": np.int32(low is not None)}
 
 
 def _pack_lone(call: Call, batch: RayBatch, piece: RayPiece) -> dict[str, Any]:
@@ -183,9 +181,9 @@ def _pack_with_lows(call: Call, batch: RayBatch, piece: RayPiece) -> dict[str, A
     """Return the buffers of rays and of their low parts: one for all of them if that is enough."""
     world, count = call.world, piece.ray_count
     pack = _make_packer(batch, piece, world.box)
-    low = EXACT_RAY if world.is_exact else RAY_LOW
-    shared = None
-    if not world.is_exact:
+    low, shared = world.low_dtype, None
+    assert low is not None
+    if low == RAY_LOW:
         shared = find_shared_low(batch, world.box, piece.begin, piece.end, reads_direction=_advances_rays(world))
     if shared is not None:
         are_shared: list[bool] = []

@@ -3,6 +3,7 @@
 import importlib.util
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,8 @@ PROGRAMS = [
     for program in report.list_programs(["bvh2"])
     if program.kernel == "closest_hit" or (program.kernel in KERNELS and not program.of_scene)
 ]
+# And where float64 decides, see cl/exact/ray.cl.
+EXACT = [replace(each, defines={**each.defines, "EXACT": 1}) for each in PROGRAMS if each.kernel == "closest_hit"]
 GPUS = [gpu for gpu in report.AMD if gpu.name != "gfx1100"]  # clang 15 gives that one half of its registers
 
 # Bytes of private memory beside the stacks: a few vectors.
@@ -31,11 +34,12 @@ ELSE = 32
 
 
 def name_program(program):
-    return f"{program.kernel}{', scenes' if program.of_scene else ''}"
+    exact = ", exact" if "EXACT" in program.defines else ""
+    return f"{program.kernel}{', scenes' if program.of_scene else ''}{exact}"
 
 
 @compiles
-@pytest.mark.parametrize("program", PROGRAMS, ids=name_program)
+@pytest.mark.parametrize("program", PROGRAMS + EXACT, ids=name_program)
 def test_bvh2_spills_no_register_and_keeps_nothing_but_stacks_in_memory(program):
     stacks = 4 * (program.defines["STACK_SIZE"] + program.defines.get("TOP_STACK_SIZE", 0))
     for gpu in GPUS:

@@ -1,10 +1,15 @@
 """Meshes whose parts are far smaller than the whole: in float32 of the whole, parts were lost, or taken for others."""
 
+from dataclasses import replace
+
 import numpy as np
+import pyopencl as cl
+import pyopencl.array
 import pytest
 import trimesh
 
 from clbvh import Camera, Mesh, Scene, Spheres, Tracer, make_shape, render
+from clbvh.trace.launch import device_casts_all
 
 RATIOS = [2.0**4, 2.0**13, 1e5, 2e7, 2e8, 2.0**40]
 LAYOUTS = ["bvh2", "bvh8", "bvh8c"]
@@ -229,6 +234,29 @@ def test_start_points_were_as_far_away_as_the_whole_is_large(session):
         assert not (again.prim_id == hits.prim_id[again.ray_id]).any()
         below = hits[hits.prim_id >= 320]
         assert tracer.any_hit(below.offset_origins(), -below.locations).all()
+
+
+def test_a_device_without_doubles_says_so_and_keeps_the_distances_of_float32(session, monkeypatch, caplog):
+    monkeypatch.setenv("_CLBVH_SAID", "")
+    mesh, generator = Mesh.from_arrays(*join(ball(), slope(2e7))), np.random.default_rng(SEED)
+    with caplog.at_level("WARNING", "clbvh"), Tracer(mesh, device=replace(session.info, has_fp64=False)) as tracer:
+        hits = tracer.closest_hit(*rays_at(np.zeros(3), 1.0, 400, generator))
+        hits = hits[hits.is_hit]
+        assert "no double precision" in caplog.text
+        assert np.linalg.norm(hits.offset_origins() - hits.locations, axis=1).min() > 1
+        above = tracer.all_hits(hits.offset_origins(), hits.normals(facing=True))
+        assert not (above.prim_id == hits.prim_id[above.ray_id]).any()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_rays_in_arrays_on_the_device_are_decided_alike(session, layout):
+    rays = rays_at(np.zeros(3), 1.0, 300, np.random.default_rng(SEED))
+    with Tracer(Mesh.from_arrays(*join(ball(), slope(2e7))), layout=layout, device=session.info) as tracer:
+        expected = tracer.closest_hit(*rays)
+        there = [cl.array.to_device(tracer.queue, each) for each in rays]
+        with device_casts_all():
+            assert tracer.closest_hit(*there, out="device").prim_id.get().tolist() == expected.prim_id.tolist()
+            assert tracer.count_hits(*there).tolist() == tracer.count_hits(*rays).tolist()
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

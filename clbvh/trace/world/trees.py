@@ -276,8 +276,6 @@ class NewTree:
         blocks = prims.make_blocks(session, form.block_width, built.prims, built.block_count)
         # Before the buffers of the build go: PoCL 3.0 reads freed ones where it compiles a kernel for the first time.
         session.finish()
-        # Before the buffers of the build go: PoCL 3.0 reads freed ones where it compiles a kernel for the first time.
-        session.finish()
         stack_size = pad_stack(layout, built.stack_size)
         half = np.maximum(np.abs(built.lower), np.abs(built.upper)).astype(np.float64)
         tree = Tree(_kind_of(shape), 0, built.node_count, 0, built.block_count, stack_size)

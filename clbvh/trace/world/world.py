@@ -19,11 +19,11 @@ from ...device.session import DeviceSession
 from ...errors import SceneError
 from ...geometry import Mesh, Shape
 from ...scene.state import SceneState
-from ...structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUTS, WORLD_HIT
+from ...structs import ENTRY_POINT_LAYOUTS, EXACT_RAY, HIT, LAYOUTS, RAY_LOW, WORLD_HIT
 from .exact import NOT_EXACT, put_exact_arrays, spans_scales
 from .metrics import LazyMetrics
 from .refine_buffers import RefineBuffers
-from .surface_arrays import SurfaceArrays, lone_arrays, make_surface_arrays, move_instances
+from .surface_arrays import FLOAT_ROUNDING, SurfaceArrays, lone_arrays, make_surface_arrays, move_instances
 from .surplus import Surplus
 from .top_tree import TopTree
 from .tree_box import TreeBox
@@ -145,6 +145,11 @@ class World:
         """Most hits that a ray can have: one with each triangle, two with each sphere."""
         return self.state.placed_prim_count * (1 if self.mesh is not None else 2)
 
+    @property
+    def low_dtype(self) -> np.dtype | None:
+        """Of what the device gets of a ray besides the ray in float32, if anything."""
+        return EXACT_RAY if self.is_exact else None if self.is_lone else RAY_LOW
+
     @cached_property
     def surplus(self) -> Surplus | None:
         """The faces that a count of hits leaves out to tell the inside, if there are any."""
@@ -255,7 +260,8 @@ def place(
         lone, metrics = state.shapes[0], LazyMetrics(find_arrays, trees.box.scale)
         refine_buffers = RefineBuffers(find_arrays, lone if isinstance(lone, Mesh) else None, before)
         exact = _put_exact(trees, state, session, find_arrays, None, refine_buffers)
-        return World(state, trees, find_arrays, trees.box, None, {}, metrics, refine_buffers, exact)
+        fitting = _fit_rounding(find_arrays, exact)
+        return World(state, trees, fitting, trees.box, None, {}, metrics, refine_buffers, exact)
     arrays = arrays or make_surface_arrays(state.shapes, state.geometry_ids, state.transforms)
     top = TopTree.build(arrays, trees.ranges, state.masks)
     buffers = {}
@@ -266,7 +272,8 @@ def place(
     metrics = LazyMetrics(find_arrays, float(top.bvh.shape.scale))
     refine_buffers = RefineBuffers(find_arrays, None, before)
     exact = _put_exact(trees, state, session, find_arrays, top, refine_buffers)
-    return World(state, trees, find_arrays, TreeBox.around(top.bvh), top, buffers, metrics, refine_buffers, exact)
+    fitting = _fit_rounding(find_arrays, exact)
+    return World(state, trees, fitting, TreeBox.around(top.bvh), top, buffers, metrics, refine_buffers, exact)
 
 
 def _put_exact(
@@ -276,6 +283,11 @@ def _put_exact(
     if not spans_scales(state.shapes, top):
         return NOT_EXACT
     return put_exact_arrays(trees.session, session, find_arrays(), top, refine)
+
+
+def _fit_rounding(find_arrays: Callable[[], SurfaceArrays], exact: dict[str, Any]) -> Callable[[], SurfaceArrays]:
+    """Return `find_arrays` with the rounding of float32 where that decides: a device may have no doubles."""
+    return find_arrays if exact is not NOT_EXACT else cache(lambda: find_arrays()._replace(rounding=FLOAT_ROUNDING))
 
 
 def with_instances(world: World, top_buffers: dict[str, Any]) -> World:
