@@ -18,7 +18,7 @@ INSTALLED_STUDY := $(VENV)/.installed-study
 INSTALLED_PTXAS := $(VENV)/.installed-ptxas
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo linker gallery test test-processes test-long fuzz mutants conformance conformance-refresh \
+.PHONY: help setup demo gallery test test-processes test-long fuzz mutants conformance conformance-refresh \
   platforms lint bench docs study results gpu-report clean
 
 help: ## list the targets
@@ -26,13 +26,9 @@ help: ## list the targets
 
 setup: $(INSTALLED_DEV) ## make .venv with clbvh and everything that tests and lint need
 
-demo: linker $(INSTALLED) ## render the demo scene to out/demo.ppm and out/demo.png
+demo: $(INSTALLED) ## render the demo scene to out/demo.ppm and out/demo.png
 	@mkdir -p $(OUT)
 	$(BIN)/clbvh render demo -o $(OUT)/demo.ppm -o $(OUT)/demo.png
-
-# Without a linker the driver that is about to be installed compiles nothing; an installation says so by itself.
-linker:
-	@test -e $(INSTALLED) || $(PYTHON) clbvh/device/pocl_linker.py
 
 gallery: $(INSTALLED) ## draw the pictures of the pages again, each by the command under it; ONLY="bunny meadow"
 	$(BIN)/python .ci/draw_gallery.py $(ONLY)
@@ -42,7 +38,7 @@ WORKERS := $(if $(TESTS),0,auto)
 # What runs in processes of its own is a lane by itself: slower, and seldom broken by a change.
 PROCESSES := tests/processes
 
-test: $(INSTALLED_DEV) ## run the tests on the OpenCL device at hand, PoCL if there is no other; TESTS= runs some
+test: $(INSTALLED_DEV) ## run the tests on the host, some on PoCL, too; TESTS= runs some, CLBVH_TEST_DEVICE=pocl all there
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile $(if $(TESTS),,--ignore=$(PROCESSES)) $(TESTS)
 
 test-processes: $(INSTALLED_DEV) ## run the tests that start processes: installs, forks, signals, limits, empty caches, examples
@@ -60,8 +56,8 @@ mutants: $(INSTALLED_DEV) ## plant small faults in the code, and see that a test
 fuzz: $(INSTALLED_DEV) ## damage FILES (100,000) files for all readers, cast rays at MESHES (10,000) hard meshes; SEED= repeats
 	$(BIN)/python -m tests.fuzz $(if $(FILES),--files $(FILES)) $(if $(MESHES),--meshes $(MESHES)) $(if $(SEED),--seed $(SEED))
 
-# `make conformance RUNTIMES="pocl rusticl" INSTALL=1` checks these, and installs them first; see docs/conformance.md.
-conformance: $(INSTALLED) ## compare the answers of every OpenCL runtime here with the stored ones
+# `make conformance RUNTIMES="host pocl rusticl" INSTALL=1` checks these, and installs them first; see docs/conformance.md.
+conformance: $(INSTALLED) ## compare the answers of the host and of every OpenCL runtime here with the stored ones
 	$(BIN)/python .ci/compare_runtimes.py $(if $(INSTALL),--install) $(RUNTIMES)
 
 conformance-refresh: $(INSTALLED) ## store the answers of the default device anew, where they change on purpose

@@ -1,4 +1,7 @@
-"""Metadata that is computed when a package is built: the project's addresses, and a README for a package index.
+"""What is made when a package is built: the compiled kernels, the project's addresses, a README for a package index.
+
+The kernels are compiled for the processor of this machine; with `CLBVH_HOST_LEVELS=all`, for all
+levels, as a wheel for others needs them. Where they cannot be compiled, the package has none and needs a driver.
 
 On an index there is no repository around the README. With `CLBVH_PROJECT_URL`, the address of the published repository,
 its links and pictures become absolute, and the metadata names the addresses; without it, links become text and pictures
@@ -9,16 +12,51 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 URL_VARIABLE = "CLBVH_PROJECT_URL"
+LEVELS_VARIABLE = "CLBVH_HOST_LEVELS"
 
 _PICTURE = re.compile(r"!\[([^\]]*)\]\(([^)\s]+)\)")
 # The text of a link may go over the end of a line.
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\(([^)\s]+)\)")
+
+
+class CustomBuildHook(BuildHookInterface):
+    """Compiles the kernels for the host."""
+
+    def dependencies(self) -> list[str]:
+        """Return what brings a compiler, unless there is one."""
+        return [] if not self._is_for_here() or self._compiler().find_compiler() else ["ziglang>=0.14"]
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Compile, and say what the package holds and where it runs."""
+        if not self._is_for_here():
+            return
+        compiler, folder = self._compiler(), Path(self.root) / "clbvh" / "compiled"
+        has_all = os.environ.get(LEVELS_VARIABLE) == "all"
+        levels = [*compiler.LEVELS[compiler.machine()]] if has_all else [compiler.find_level()]
+        compiler.build_library(folder / compiler.library_name(), compiler.find_objects(), levels)
+        # Code for all processors of the kind runs on every Linux, since it calls no library; other code runs here.
+        system = "manylinux_2_17" if has_all else "linux"
+        build_data["tag"] = f"py3-none-{system}_{compiler.machine()}"
+        build_data["pure_python"] = False
+        build_data["artifacts"].append(f"/clbvh/compiled/{compiler.library_name()}")
+
+    def _is_for_here(self) -> bool:
+        return self.target_name == "wheel" and sys.platform == "linux" and self._compiler().is_known_machine()
+
+    def _compiler(self) -> Any:
+        if self.root not in sys.path:
+            sys.path.insert(0, self.root)
+        from clbvh.device.host import compile as compiler
+
+        return compiler
 
 
 class CustomMetadataHook(MetadataHookInterface):

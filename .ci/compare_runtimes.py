@@ -1,8 +1,10 @@
-"""Checks every OpenCL runtime of this machine against the stored answers, and prints a table for docs/conformance.md.
+"""Checks the host and every OpenCL runtime here against the stored answers; prints a table for docs/conformance.md.
 
-Each runtime has a process of its own, in which it is the only driver, and a time limit. `--install` installs what is
-missing: Intel's runtime into `out/runtimes`, the others by apt-get without their driver files, so that no other program
-sees them. A runtime that is not there is skipped with a reason; a difference, a crash or a timeout is exit code 1.
+The host is checked with kernels for each level of processor that this one has, and with those that are compiled where
+nothing is known of a processor (`PORTABLE`); they are compiled for it. Each runtime has a process of its own, in which
+it is the only driver, and a time limit. `--install` installs what is missing: Intel's runtime into `out/runtimes`, the
+others by apt-get without their driver files, so that no other program sees them. A runtime that is not there is skipped
+with a reason; a difference, a crash or a timeout is exit code 1.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
@@ -134,7 +136,7 @@ class Outcome:
 def install(runtime: Runtime) -> str:
     """Install a runtime; return the reason if that fails."""
     if not runtime.packages:
-        return "it comes with `pip install clbvh`"
+        return "`pip install 'clbvh[pocl]'` brings it"
     if runtime.venv:
         folder = VENVS / runtime.venv
         commands = [
@@ -237,6 +239,44 @@ def describe_report(report: dict) -> str:
     return "; ".join(words)
 
 
+def compile_hosts(folder: Path) -> Iterator[Runtime]:
+    """Compile the kernels for all levels of this processor, and portably for the lowest one; yield their runtimes.
+
+    Raises
+    ------
+    DeviceError
+        There is no compiler.
+    """
+    from clbvh.device.host.compile import LEVELS, build_library, find_level, find_objects, machine
+    from clbvh.device.host.library import LEVEL_VARIABLE, LIBRARY_VARIABLE
+    from clbvh.device.host.variants import list_variants
+
+    known = list(LEVELS[machine()])
+    levels = known[: known.index(find_level()) + 1]
+    # The slowest ones to compile, of which no answer is stored.
+    variants = [variant for variant in list_variants() if variant.name != "render_samples"]
+    for name, library, chosen, macros in (
+        ("host", folder / "levels.so", levels, {}),
+        ("host PORTABLE", folder / "portable.so", levels[:1], {"PORTABLE": 1}),
+    ):
+        build_library(library, find_objects(), chosen, variants=variants, macros=macros)
+        for level in chosen:
+            environment = {LIBRARY_VARIABLE: str(library), LEVEL_VARIABLE: level}
+            yield Runtime(f"{name} {level}", "host", lambda: None, environment=environment)
+
+
+def check_hosts() -> list[Outcome]:
+    """Check the host with all of its compiled kernels; none without a compiler."""
+    from clbvh import DeviceError
+
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            return [check_runtime(runtime, None) for runtime in compile_hosts(Path(folder))]
+        except DeviceError as error:
+            print(f"host: skipped, {error}", file=sys.stderr)
+            return []
+
+
 def find_gpus() -> list[Runtime]:
     """Return one runtime for each GPU among the drivers of this machine."""
     command = [sys.executable, "-m", "clbvh", "devices", "--json"]
@@ -262,15 +302,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Check the runtimes, print the table, and return the exit code."""
     names = [runtime.name for runtime in RUNTIMES]
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("runtimes", nargs="*", help=f"any of {', '.join(names)}, gpu; all without it")
+    parser.add_argument("runtimes", nargs="*", help=f"any of host, {', '.join(names)}, gpu; all without it")
     parser.add_argument("--install", action="store_true", help="install what is missing")
     options = parser.parse_args(arguments)
-    unknown = sorted(set(options.runtimes) - {*names, "gpu"})
+    unknown = sorted(set(options.runtimes) - {"host", *names, "gpu"})
     if unknown:
-        parser.error(f"'{unknown[0]}' is no runtime: there are {', '.join(names)} and gpu")
-    wanted = options.runtimes or [*names, "gpu"]
+        parser.error(f"'{unknown[0]}' is no runtime: there are host, {', '.join(names)} and gpu")
+    wanted = options.runtimes or ["host", *names, "gpu"]
 
-    outcomes = []
+    outcomes = check_hosts() if "host" in wanted else []
     for runtime in (runtime for runtime in RUNTIMES if runtime.name in wanted):
         library = runtime.find_library()
         reason = ""

@@ -25,8 +25,9 @@ from pathlib import Path
 
 from clbvh.builders.device.build_device import CLUSTER_GROUP
 from clbvh.choices import REPORT_SHADINGS, SHADINGS
-from clbvh.device.program import CORRECT_ROUNDING, GPU_OPTION, expand_source, make_options
+from clbvh.device.program import CORRECT_ROUNDING, GPU_OPTION, make_options
 from clbvh.device.radix_sort import GPU_PLAN
+from clbvh.device.sources import expand_source
 from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS
 from clbvh.support.folders import find_folder
 from clbvh.trace.world.trees import pad_stack

@@ -4,8 +4,8 @@ from .builders.build import build as build
 from .builders.options import BuildOptions as BuildOptions
 from .builders.processes.pool import SubtreePool as SubtreePool
 from .bvh import Bvh as Bvh, sah_cost as sah_cost, validate_tree as validate_tree
-from .device import choose_device as choose_device, list_devices as list_devices
 from .device.info import DeviceInfo as DeviceInfo
+from .device.select import choose_device as choose_device, list_devices as list_devices
 from .errors import (
     AppearanceWarning as AppearanceWarning,
     ClbvhError as ClbvhError,

@@ -84,7 +84,7 @@ class QueryError(ClbvhError, ValueError):
 
 
 class DeviceError(ClbvhError, RuntimeError):
-    """No OpenCL device can do the work, or the chosen one failed.
+    """No device can do the work, or the chosen one failed.
 
     Examples
     --------

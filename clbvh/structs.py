@@ -374,8 +374,8 @@ VIEW = np.dtype(
         ("half_angle", "f4"),
         # k1, k2, p1, p2 and k3 of OpenCV.
         ("distortion", "f4", 5),
-        # One of CUTS. Of a plane the unit normal, and how far the eye is on its side; of a box the corners, from the
-        # eye. In local units.
+        # One of CUTS, or 0. Of a plane the unit normal, and how far the eye is on its side; of a box the corners, from
+        # the eye. In local units.
         ("cut", "i4"),
         ("cut_normal", "f4", 3),
         ("cut_height", "f4"),
@@ -385,6 +385,8 @@ VIEW = np.dtype(
         # shading computes.
         ("line_width", "f4"),
         ("line_colour", "f4", 3),
+        # Whether a surface has an alpha below 1.
+        ("has_cutouts", "i4"),
     ]
 )
 
@@ -538,9 +540,6 @@ COMPACT_LAYOUT = "bvh8c"
 
 # Layouts that search an entry point for each tile, see cl/traversal/entry_point.cl. Two children are too few.
 ENTRY_POINT_LAYOUTS = ("bvh4", "bvh8", "bvh8c")
-
-# Layouts whose blocks are lanes of corners, which the host traverses as well, see `trace/host/`.
-LANE_LAYOUTS = ("bvh4", "bvh8")
 
 # The primitives of a geometry.
 PRIM_KINDS = {"triangles": 0, "spheres": 1}

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from hypothesis import settings
+from platformdirs import user_cache_dir
 
 from . import profiles
 
@@ -27,25 +28,60 @@ if TYPE_CHECKING:
 _MAY_BE_MISSING = ("CLBVH_MESHES", "docker:", "peers:", "compilers for GPUs:", "browser:")
 REQUIRE_DEVICE = "CLBVH_REQUIRE_DEVICE"
 
+# The device of the suite, and that of tests with the marks below, which need an OpenCL driver.
+SUITE_DEVICE = os.environ.get("CLBVH_TEST_DEVICE") or "host"
+OPENCL_DEVICE = "pocl" if SUITE_DEVICE == "host" else SUITE_DEVICE
+
+# PoCL compiles a kernel in 1 to 5 s, so it gets what an OpenCL device does otherwise than the host, and not all else.
+_MARKS = {
+    "on_both": "run on the host and on an OpenCL device: kernels, queries against the oracle, builds, images",
+    "on_opencl": "run on an OpenCL device alone: its contexts, queues, arrays, compiler and errors",
+}
+
 _OUT = Path(__file__).parents[1] / "out"
 
 # `--hypothesis-profile` comes later and wins.
 settings.load_profile(profiles.SHORT)
 
-# All workers, runs and processes of their own share what numba and PoCL compile, however a test sets `CLBVH_CACHE`.
-# Both read this when they are loaded, so nothing above may import clbvh.
+# All workers, runs and processes of their own share what numba and PoCL compile, and what clang has compiled for the
+# installation, however a test sets `CLBVH_CACHE`. They read this when they are loaded, so nothing above may import
+# clbvh.
 for _variable, _folder in (("NUMBA_CACHE_DIR", "compiled"), ("POCL_CACHE_DIR", "pocl")):
     (_OUT / "cache" / _folder).mkdir(parents=True, exist_ok=True)
     os.environ.setdefault(_variable, str(_OUT / "cache" / _folder))
+os.environ.setdefault("CLBVH_OBJECTS", str(Path(user_cache_dir("clbvh", appauthor=False)) / "objects"))
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config) -> None:
     """Choose the seed of a long run, unless the command line has it, before hypothesis looks at it."""
+    for name, meaning in _MARKS.items():
+        config.addinivalue_line("markers", f"{name}: {meaning}")
     if config.getoption("--hypothesis-profile") == profiles.LONG:
         if config.option.hypothesis_seed is None:
             config.option.hypothesis_seed = random.randrange(2**32)
         profiles.RunSeed.value = int(config.option.hypothesis_seed)
+
+
+def _list_devices(test) -> list[str]:
+    """Return the devices that a test or function of a test runs on, by its marks."""
+    if test.get_closest_marker("on_opencl"):
+        return [OPENCL_DEVICE]
+    return list(dict.fromkeys((SUITE_DEVICE, OPENCL_DEVICE))) if test.get_closest_marker("on_both") else []
+
+
+def pytest_generate_tests(metafunc) -> None:
+    """Give tests with a mark their devices, where they ask for a device."""
+    devices = _list_devices(metafunc.definition)
+    if devices and "_opened_device" in metafunc.fixturenames:
+        metafunc.parametrize("_opened_device", devices, indirect=True, scope="session")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item) -> None:
+    """Make a test's device the default one, before any of its fixtures is there."""
+    parameters = item.callspec.params if hasattr(item, "callspec") else {}
+    os.environ["CLBVH_DEVICE"] = parameters.get("_opened_device") or (_list_devices(item) or [SUITE_DEVICE])[0]
 
 
 def pytest_report_header(config) -> str | None:
@@ -75,41 +111,23 @@ def _empty_cache(tmp_path_factory) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _most_host_rays() -> Iterator[int]:
-    """Cast few rays on the device, too: most tests have few, and are there for the device's kernels."""
-    from clbvh.trace import launch
-
-    shipped = launch.MOST_HOST_RAYS
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(launch, "MOST_HOST_RAYS", 0)
-        yield shipped
-
-
-@pytest.fixture
-def host_casts_few(_most_host_rays: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Cast few rays on the host, as outside of tests."""
-    from clbvh.trace import launch
-
-    monkeypatch.setattr(launch, "MOST_HOST_RAYS", _most_host_rays)
-
-
 @pytest.fixture(scope="session")
-def _opened_device() -> Iterator[DeviceSession]:
+def _opened_device(request: pytest.FixtureRequest) -> Iterator[DeviceSession]:
     from clbvh import DeviceError
-    from clbvh.device.session import DeviceSession
+    from clbvh.device.open import open_device
 
+    name = getattr(request, "param", SUITE_DEVICE)
     try:
-        session = DeviceSession()
+        session = open_device(name)
     except DeviceError as error:
-        pytest.skip(f"no OpenCL device: {error}")
+        pytest.skip(f"no device {name}: {error}")
     with session:
         yield session
 
 
 @pytest.fixture
 def session(_opened_device: DeviceSession) -> DeviceSession:
-    """The default device, opened once for all tests."""
+    """The device, opened once for all tests; under the mark `on_both` both, one after the other."""
     return _opened_device
 
 
@@ -193,12 +211,11 @@ def real_mesh_path():
 
 
 @pytest.fixture
-def traffic(monkeypatch) -> list[int]:
+def traffic(_opened_device: DeviceSession, monkeypatch) -> list[int]:
     """The bytes of each transfer between host and device since the test began."""
-    from clbvh.device.session import DeviceSession
-
     sizes: list[int] = []
-    write, download = DeviceSession.write, DeviceSession.download
+    kind = type(_opened_device)
+    write, download = kind.write, kind.download
 
     def note_write(self, buffer, array, **how):
         sizes.append(array.nbytes)
@@ -208,8 +225,8 @@ def traffic(monkeypatch) -> list[int]:
         sizes.append(into.nbytes)
         download(self, buffer, into, **how)
 
-    monkeypatch.setattr(DeviceSession, "write", note_write)
-    monkeypatch.setattr(DeviceSession, "download", note_download)
+    monkeypatch.setattr(kind, "write", note_write)
+    monkeypatch.setattr(kind, "download", note_download)
     return sizes
 
 

@@ -1,7 +1,7 @@
 """The queries of a tracer in a scene whose trees are given, or left out."""
 
 from clbvh import Tracer
-from clbvh.device.session import DeviceSession
+from clbvh.device.open import open_device
 from clbvh.trace.launch import Caster
 from clbvh.trace.point_queries import PointQueries
 from clbvh.trace.ray_queries import RayQueries
@@ -13,7 +13,7 @@ class StateTracer(RayQueries, PointQueries):
     """In place of a `Tracer`; without `trees` the layout is ``"brute"``. Masks choose instances, names do not."""
 
     def __init__(self, state, device, trees=None):
-        session = DeviceSession(device)
+        session = open_device(device)
         self._caster = Caster(session, open_world(session, state, trees))
 
     def close(self):

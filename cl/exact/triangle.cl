@@ -11,13 +11,6 @@
 
 #if EXACT
 
-// Calls are rare: the traversal keeps its registers.
-#if IS_GPU || defined(PORTABLE)
-#define SELDOM INLINED
-#else
-#define SELDOM static __attribute__((noinline))
-#endif
-
 #if defined(__clang__) && defined(__FMA__) && !defined(PORTABLE)
 #define FUSED_DOUBLE(a, b, c) __builtin_fma(a, b, c)
 #else
@@ -86,7 +79,7 @@ INLINED double perturb_exactly(const double edge, const double3 begin, const dou
 }
 
 // As intersect_sheared.
-SELDOM bool cross_exactly(const ray_t *ray, const int prim_id, const int triangle_index, crossing_t *crossing)
+APART bool cross_exactly(const ray_t *ray, const int prim_id, const int triangle_index, crossing_t *crossing)
 {
     const exact_ray_t *own = &ray->exact;
     const double3 d = own->direction, size = fabs(d);

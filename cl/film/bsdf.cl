@@ -143,7 +143,7 @@ INLINED float facet_density(const float alpha, const float3 facet)
 
 // The light that is scattered from to_light to to_eye, times the cosine of to_light; *density becomes that with which
 // sample_bsdf finds to_light. Both are 0 below the surface, and for a mirror.
-INLINED float3 evaluate_bsdf(const bsdf_t *bsdf, const float3 to_eye, const float3 to_light, float *density)
+CALLED float3 evaluate_bsdf(const bsdf_t *bsdf, const float3 to_eye, const float3 to_light, float *density)
 {
     *density = 0.0f;
     if (!(to_light.z > LEAST_COSINE && to_eye.z > LEAST_COSINE)) {

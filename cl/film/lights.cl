@@ -80,7 +80,7 @@ INLINED float3 environment_texel(const lights_t *lights, const global view_t *vi
 }
 
 // The light of the environment along a direction.
-INLINED float3 environment_light(const lights_t *lights, const global view_t *view, const float3 direction)
+CALLED float3 environment_light(const lights_t *lights, const global view_t *view, const float3 direction)
 {
     const int width = view->environment_width;
     const int height = view->environment_height;

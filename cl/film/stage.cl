@@ -1,7 +1,7 @@
 // What the samples of a picture are taken of: the world, how it looks, and its light; and the search for the surface
 // that a ray shows.
 //
-// HAS_CUTOUTS, if defined as 1: some surface has an alpha below 1, and rays may pass through it.
+// HAS_CUTOUTS, if defined as 1: some surface may have an alpha below 1, and rays pass through it; the view tells.
 // HAS_WIREFRAME: see film/wireframe.cl.
 
 #include "looks/looks.cl"
@@ -46,7 +46,7 @@ INLINED ray_hits_t make_ray_hits(void)
 
 // Finds the first surface along a ray that stops it. A share of the rays passes through a surface with an alpha of less
 // than 1. Returns whether there is one.
-INLINED bool find_shown(
+CALLED bool find_shown(
     const stage_t *stage, const world_ray_t *ray, const bool is_primary, sobol_sampler_t *sampler, shown_t *shown,
     ray_hits_t *hits)
 {
@@ -63,7 +63,8 @@ INLINED bool find_shown(
         }
         shown->surface = world_surface_at(&stage->world, &rest, &search);
         shown->appearance = appearance_at(&stage->looks, &stage->world, &search, &shown->surface, direction);
-        const float alpha = shown->appearance.alpha;
+        // Between corners whose alpha is 1 it may be a little less.
+        const float alpha = stage->view->has_cutouts ? shown->appearance.alpha : 1.0f;
         if (alpha >= 1.0f || layer == MOST_LAYERS - 1 || (alpha > 0.0f && sample_1d(sampler) < alpha)) {
 #if HAS_WIREFRAME
             hits->shown = search;
@@ -78,19 +79,9 @@ INLINED bool find_shown(
     return false;
 }
 
-// Whether anything stops the light between a position and t_max along a direction.
-INLINED bool is_shaded(
-    const stage_t *stage, const position_t from, const float3 direction, const float t_max, sobol_sampler_t *sampler)
-{
-    const world_ray_t ray = make_world_ray(from, direction, (float3)(0.0f), t_max);
-    shown_t shown;
-    ray_hits_t hits;
-    return find_shown(stage, &ray, false, sampler, &shown, &hits);
-}
-
 #else
 
-INLINED bool find_shown(
+CALLED bool find_shown(
     const stage_t *stage, const world_ray_t *ray, const bool is_primary, sobol_sampler_t *sampler, shown_t *shown,
     ray_hits_t *hits)
 {
@@ -109,10 +100,19 @@ INLINED bool find_shown(
     return true;
 }
 
+#endif
+
+// Whether anything stops the light between a position and t_max along a direction.
 INLINED bool is_shaded(
     const stage_t *stage, const position_t from, const float3 direction, const float t_max, sobol_sampler_t *sampler)
 {
+#if HAS_CUTOUTS
+    if (stage->view->has_cutouts) {
+        const world_ray_t ray = make_world_ray(from, direction, (float3)(0.0f), t_max);
+        shown_t shown;
+        ray_hits_t hits;
+        return find_shown(stage, &ray, false, sampler, &shown, &hits);
+    }
+#endif
     return is_blocked(&stage->world, from, direction, t_max);
 }
-
-#endif

@@ -1,6 +1,6 @@
 // Lines along the edges of triangles, drawn over what a ray of the camera shows.
 //
-// HAS_WIREFRAME, if defined as 1: the picture has lines, see clbvh/rendering/settings.py.
+// HAS_WIREFRAME, if defined as 1: the picture may have lines, see clbvh/rendering/settings.py; their width tells.
 //
 // The edge function of a ray and an edge is linear in the ray. Divided by its change from one pixel to the next it is
 // the distance to the line of the edge, in pixels: exactly in a perspective and in an orthographic picture.
@@ -22,7 +22,7 @@ typedef struct {
     float3 direction;
 } ray_step_t;
 
-INLINED ray_step_t find_ray_step(
+CALLED ray_step_t find_ray_step(
     const global view_t *view, const float2 film, const float2 step, const float3 direction)
 {
     const float3 on_film = step.x * load3(view->right) + step.y * load3(view->up);
@@ -54,11 +54,11 @@ INLINED float find_edge_share(const float distance, const float height, const fl
 }
 
 // The share of a pixel, from 0 to 1, that lines cover around a ray's hit at `position`; 0 for spheres.
-INLINED float find_line_share(
+CALLED float find_line_share(
     const global view_t *view, const world_t *world, const world_ray_t *ray, const float2 film,
     const search_t *search, const float3 position, const float smoothing)
 {
-    if (is_sphere(world, search)) {
+    if (!(view->line_width > 0.0f) || is_sphere(world, search)) {
         return 0.0f;
     }
     float3 ab, ac;

@@ -7,7 +7,6 @@
 //                              the root
 // entry_points[tile_count]     node_t: see traversal/entry_point.cl; written for tiles with an instance_index only
 
-#include "rays/batch.cl"
 #include "traversal/traverse.cl"
 
 #define NO_INSTANCE -1
@@ -28,13 +27,13 @@ INLINED instance_start_t start_at_root(void)
     return start;
 }
 
-// The start of this work-item's ray.
-INLINED instance_start_t find_instance_start(const global tile_t *tiles, const global node_t *entry_points)
+// The start of the rays of a tile.
+INLINED instance_start_t find_instance_start(
+    const global tile_t *tiles, const global node_t *entry_points, const int index)
 {
     instance_start_t start = start_at_root();
 #if HAS_ENTRY_POINTS
     if (tiles) {
-        const int index = find_tile_index();
         const global tile_t *tile = tiles + index;
         start.tile = tile->leaf_count == NO_LIST ? 0 : tile;
         start.top_node = tile->top_node;

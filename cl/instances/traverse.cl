@@ -83,30 +83,29 @@ INLINED void visit_instance(
     }
 }
 
-// A function for each query keeps the query a constant. On CPUs it is called, not inlined: what the way from instance
-// to instance keeps in registers would leave too few for the tree of an instance, which is nearly all of the work. GPUs
-// have registers for both, and keep what a function is given by its address in slow memory.
-#if HAS_ENTRY_POINTS && !IS_GPU && !defined(PORTABLE)
-#define CALLED static __attribute__((noinline))
+// A function for each query keeps the query a constant. The tree of an instance, which is nearly all of the work, gets
+// the registers that the way from instance to instance would take. Binary trees are quicker with all in one function.
+#if HAS_ENTRY_POINTS
+#define VISITED APART
 #else
-#define CALLED INLINED
+#define VISITED INLINED
 #endif
 
-CALLED void visit_for_closest(
+VISITED void visit_for_closest(
     const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
     const global float *spheres, const global node_t *entry_point, const ray_pair_t *ray, search_t *search)
 {
     visit_instance(instances, index, nodes, blocks, spheres, entry_point, ray, search, QUERY_CLOSEST);
 }
 
-CALLED void visit_for_count(
+VISITED void visit_for_count(
     const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
     const global float *spheres, const global node_t *entry_point, const ray_pair_t *ray, search_t *search)
 {
     visit_instance(instances, index, nodes, blocks, spheres, entry_point, ray, search, QUERY_COUNT);
 }
 
-CALLED void visit_for_first(
+VISITED void visit_for_first(
     const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
     const global float *spheres, const global node_t *entry_point, const ray_pair_t *ray, search_t *search)
 {

@@ -7,12 +7,12 @@
 
 kernel void any_hit(WORLD_ARGUMENTS, CAST_ARGUMENTS, global uchar *restrict blocked)
 {
-    const int ray_index = find_ray_index(ray_count, row_length);
+    const int ray_index = find_ray_index(get_global_id(0), get_global_id(1), ray_count, row_length);
     if (ray_index == NO_RAY) {
         return;
     }
     const int ray_id = find_ray_id(ray_index, order);
-    const world_t world = WORLD(find_start(nodes, tiles, entry_points));
+    const world_t world = WORLD(find_start(nodes, tiles, entry_points, TILE_INDEX));
     if (order) {
         WILL_WRITE(blocked + find_coming_ray_id(ray_index, ray_count, order));
     }

@@ -75,9 +75,8 @@ kernel void merge_tiles(
 }
 
 // The numbers of a tile's merges, of which later ones lie above earlier ones.
-INLINED int2 find_merges(PASS_ARGUMENTS)
+INLINED int2 find_merges(const int tile, PASS_ARGUMENTS)
 {
-    const int tile = (int)get_global_id(0);
     if (tile >= tile_count) {
         return (int2)(0);
     }
@@ -85,22 +84,25 @@ INLINED int2 find_merges(PASS_ARGUMENTS)
     return (int2)(range.first_merge, range.first_merge + range.count - range.target);
 }
 
-#define MERGES_OF_TILE find_merges(cluster_count, tile_count, target, first_merge, levels_above)
+#define MERGES_OF_TILE \
+    find_merges((int)get_global_id(0), cluster_count, tile_count, target, first_merge, levels_above)
 
-#if TREE_WIDTH > 2
-
+// Of wide trees, as the next kernel.
 kernel void mark_root(TREE_ARGUMENTS, const int root)
 {
+#if TREE_WIDTH > 2
     MAKE_TREE;
     if (!is_block(&tree, root)) {
         tree.is_node[root] = 1;
     }
+#endif
 }
 
 // Mark the merges of a pass that become wide nodes, those of later passes being marked; count what is below the nodes
 // of a pass, those of earlier passes being counted. The first pass does both while its merges are in the cache.
 kernel void visit_tiles(TREE_ARGUMENTS, PASS_ARGUMENTS, const int marks, const int counts)
 {
+#if TREE_WIDTH > 2
     MAKE_TREE;
     const int2 range = MERGES_OF_TILE;
     if (marks) {
@@ -117,9 +119,8 @@ kernel void visit_tiles(TREE_ARGUMENTS, PASS_ARGUMENTS, const int marks, const i
             }
         }
     }
-}
-
 #endif
+}
 
 // Write what the host must know before it has room for the nodes; `root` is the last cluster.
 kernel void summarize(TREE_ARGUMENTS, const int root, global tree_summary_t *summary)

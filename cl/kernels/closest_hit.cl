@@ -8,12 +8,12 @@
 
 kernel void closest_hit(WORLD_ARGUMENTS, CAST_ARGUMENTS, global kept_hit_t *restrict hits)
 {
-    const int ray_index = find_ray_index(ray_count, row_length);
+    const int ray_index = find_ray_index(get_global_id(0), get_global_id(1), ray_count, row_length);
     if (ray_index == NO_RAY) {
         return;
     }
     const int ray_id = find_ray_id(ray_index, order);
-    const world_t world = WORLD(find_start(nodes, tiles, entry_points));
+    const world_t world = WORLD(find_start(nodes, tiles, entry_points, TILE_INDEX));
     search_t search = make_search(1, 0);
     // Before the ray is loaded and prepared: many tiles of a picture meet nothing.
     if (meets_nothing(&world.start)) {

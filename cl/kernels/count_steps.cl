@@ -9,7 +9,7 @@
 
 kernel void count_steps(WORLD_ARGUMENTS, CAST_ARGUMENTS, global steps_t *restrict steps)
 {
-    const int ray_index = find_ray_index(ray_count, row_length);
+    const int ray_index = find_ray_index(get_global_id(0), get_global_id(1), ray_count, row_length);
     if (ray_index == NO_RAY) {
         return;
     }

@@ -11,12 +11,12 @@
 
 kernel void first_hits(WORLD_ARGUMENTS, CAST_ARGUMENTS, global kept_hit_t *restrict hits, const int slots)
 {
-    const int ray_index = find_ray_index(ray_count, row_length);
+    const int ray_index = find_ray_index(get_global_id(0), get_global_id(1), ray_count, row_length);
     if (ray_index == NO_RAY) {
         return;
     }
     const int ray_id = find_ray_id(ray_index, order);
-    const world_t world = WORLD(find_start(nodes, tiles, entry_points));
+    const world_t world = WORLD(find_start(nodes, tiles, entry_points, TILE_INDEX));
     const world_ray_t ray = load_ray(rays, lows, low_step, ray_index);
     global kept_hit_t *hits_of_ray = hits + (size_t)ray_id * slots;
     search_t search = make_search(slots, hits_of_ray);

@@ -41,10 +41,10 @@ typedef struct {
     int end;
 } span_t;
 
-INLINED span_t find_span(const int pair_count, const int chunk_size)
+INLINED span_t find_span(const int group, const int pair_count, const int chunk_size)
 {
     const int size = chunk_size / GROUP_SIZE;
-    const long begin = (long)get_group_id(0) * chunk_size + (long)get_local_id(0) * size;
+    const long begin = (long)group * chunk_size + (long)get_local_id(0) * size;
     const span_t span = {(int)min(begin, (long)pair_count), (int)min(begin + size, (long)pair_count)};
     return span;
 }
@@ -80,7 +80,7 @@ INLINED void count_own_digits(
 kernel void count_digits(SORT_ARGUMENTS)
 {
     local uint own[DIGITS][GROUP_SIZE];
-    const span_t span = find_span(pair_count, chunk_size);
+    const span_t span = find_span(get_group_id(0), pair_count, chunk_size);
     count_own_digits(pairs, span, shift, own, counts + get_group_id(0), chunk_count);
 }
 
@@ -112,7 +112,7 @@ kernel void sum_counts(global uint *counts, const int count)
 kernel void scatter_pairs(SORT_ARGUMENTS, global ulong *sorted)
 {
     local uint next[DIGITS][GROUP_SIZE];
-    const span_t span = find_span(pair_count, chunk_size);
+    const span_t span = find_span(get_group_id(0), pair_count, chunk_size);
     const int item = (int)get_local_id(0);
 #if GROUP_SIZE > 1
     count_own_digits(pairs, span, shift, next, 0, 0);

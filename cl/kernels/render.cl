@@ -13,6 +13,7 @@
 // Work-items: (width, row_count), rounded up to tiles.
 
 #include "film/wireframe.cl"
+#include "rays/batch.cl"
 #include "shading/shade.cl"
 #include "shading/shadow.cl"
 #include "world/camera.cl"
@@ -40,7 +41,7 @@ kernel void render(
     }
     const int pixel = band_row * view->width + column;
     const int row = first_row + band_row;
-    const world_t world = WORLD(find_start(nodes, tiles, entry_points));
+    const world_t world = WORLD(find_start(nodes, tiles, entry_points, TILE_INDEX));
 
     world_ray_t ray;
     const bool is_seen = world_camera_ray(view, pixel_centre(view, column, row), LENS_CENTRE, &ray);

@@ -26,6 +26,7 @@
 #include "film/openness.cl"
 #include "film/pixel.cl"
 #include "film/wireframe.cl"
+#include "rays/batch.cl"
 #include "sampling/screen.cl"
 #include "traversal/entry_point.cl"
 #if SHADING == SHADE_PATH
@@ -79,7 +80,7 @@ kernel void render_samples(
     if (column >= width || band_row >= row_count + 2) {
         return;
     }
-    if (settled && settled[get_group_id(1) * get_num_groups(0) + get_group_id(0)]) {
+    if (settled && settled[TILE_INDEX]) {
         return;
     }
 #else
@@ -91,7 +92,7 @@ kernel void render_samples(
     const int pixel = band_row * width + column;
     const int row = first_row + band_row;
     const stage_t stage = {
-        WORLD(find_start(nodes, tiles, entry_points)),
+        WORLD(find_start(nodes, tiles, entry_points, TILE_INDEX)),
         {looks, corner_normals, corner_colours, corner_uvs, material_ids, materials,
          {textures, texels, decoded_srgb}, view->surface_colour},
         view};

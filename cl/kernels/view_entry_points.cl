@@ -24,8 +24,9 @@ kernel void view_entry_points(
 {
     ray_bounds_t bounds;
     int tile;
-    const bool is_bounded =
-        bound_camera_tile(view, first_row, row_count, tile_width, tile_height, margin, &bounds, &tile);
+    const bool is_bounded = bound_camera_tile(
+        view, get_global_id(0), get_global_id(1), first_row, row_count, tile_width, tile_height, margin, &bounds,
+        &tile);
     if (tile == NO_TILE) {
         return;
     }

@@ -145,7 +145,7 @@ INLINED void find_normals(
 }
 
 // The appearance of the surface that a ray has met.
-INLINED appearance_t appearance_at(
+CALLED appearance_t appearance_at(
     const looks_t *looks, const world_t *world, const search_t *search, const world_surface_t *surface,
     const float3 direction)
 {

@@ -43,7 +43,7 @@ INLINED int split_position(const float position, float *fraction)
 }
 
 // The colour at uv; (0, 0) is the lower left corner.
-INLINED float4 sample_texture(const texture_tables_t *tables, const int texture_id, const float2 uv)
+CALLED float4 sample_texture(const texture_tables_t *tables, const int texture_id, const float2 uv)
 {
     const global texture_t *texture = tables->textures + texture_id;
     const int width = texture->width;

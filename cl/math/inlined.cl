@@ -9,6 +9,22 @@
 #define INLINED static inline __attribute__((always_inline))
 #endif
 
+// Large functions that pictures need in several places: inlined as all others, which takes 11 % less time for `studio`.
+// CALLS as 1: called, which makes half as much code, for variants of the host's library that few pictures need.
+#if CALLS
+#define CALLED static __attribute__((noinline))
+#else
+#define CALLED INLINED
+#endif
+
+// Functions that CPUs always call, and whose callers need the registers. GPUs have registers for both, and keep what a
+// function is given by its address in slow memory.
+#if IS_GPU || defined(PORTABLE)
+#define APART INLINED
+#else
+#define APART static __attribute__((noinline))
+#endif
+
 // Asks for memory before it is read or written; any address is allowed.
 #if defined(__clang__) && (defined(__x86_64__) || defined(__aarch64__)) && !defined(PORTABLE)
 #define WILL_READ(address) __builtin_prefetch(address, 0, 3)

@@ -50,9 +50,13 @@ INLINED float largest_of_lanes(const lanes_t a)
 }
 
 // a * b + c with a single rounding where an instruction exists, and with two elsewhere, where fma would be slow.
-#if WIDTH == 8 && defined(__clang__) && defined(__FMA__) && !defined(PORTABLE)
+#if !defined(__clang__) || !(defined(__FMA__) || defined(__aarch64__)) || defined(PORTABLE)
+#define MULTIPLY_ADD_LANES(a, b, c) ((a) * (b) + (c))
+#elif __has_builtin(__builtin_elementwise_fma)
+#define MULTIPLY_ADD_LANES(a, b, c) __builtin_elementwise_fma(a, b, c)
+#elif WIDTH == 8 && defined(__FMA__)
 #define MULTIPLY_ADD_LANES(a, b, c) __builtin_ia32_vfmaddps256(a, b, c)
-#elif WIDTH == 4 && defined(__clang__) && defined(__FMA__) && !defined(PORTABLE)
+#elif WIDTH == 4 && defined(__FMA__)
 #define MULTIPLY_ADD_LANES(a, b, c) __builtin_ia32_vfmaddps(a, b, c)
 #else
 #define MULTIPLY_ADD_LANES(a, b, c) ((a) * (b) + (c))

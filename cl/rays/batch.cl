@@ -13,11 +13,11 @@
 // The ray_id of work-items beyond the edges of the batch.
 #define NO_RAY -1
 
-// Returns the index in the batch of this work-item's ray, or NO_RAY beyond the edges of the batch.
-INLINED int find_ray_index(const int ray_count, const int row_length)
+// Returns the index in the batch of a work-item's ray, or NO_RAY beyond the edges of the batch. Kernels alone ask for
+// the numbers of their work-item: those of the host have them as an argument.
+INLINED int find_ray_index(const int column, const int row, const int ray_count, const int row_length)
 {
-    const int column = get_global_id(0);
-    const int ray_index = (int)get_global_id(1) * row_length + column;
+    const int ray_index = row * row_length + column;
     return column >= row_length || ray_index >= ray_count ? NO_RAY : ray_index;
 }
 
@@ -36,7 +36,5 @@ INLINED int find_coming_ray_id(const int ray_index, const int ray_count, const g
     return order[min(ray_index + WRITE_AHEAD_RAYS, ray_count - 1)];
 }
 
-INLINED int find_tile_index(void)
-{
-    return get_group_id(1) * get_num_groups(0) + get_group_id(0);
-}
+// The index of this work-item's tile; for kernels.
+#define TILE_INDEX ((int)(get_group_id(1) * get_num_groups(0) + get_group_id(0)))

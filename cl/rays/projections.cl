@@ -47,7 +47,7 @@ INLINED float2 undistort(const global float *coefficients, const float2 shown)
     return (float2)(u, v);
 }
 
-INLINED float2 undistorted_point(const global view_t *view, const float2 film)
+CALLED float2 undistorted_point(const global view_t *view, const float2 film)
 {
     const float y = view->centre[1] + film.y * view->half_size[1];
     const float x = view->centre[0] + film.x * view->half_size[0] + view->shear * y;

@@ -86,7 +86,7 @@ INLINED bool find_chord(const float3 sheared, const float radius, const ray_t *r
 
 // The test in doubles, on the sphere as it is in the file, in the local coordinates of its shape, where it is no
 // ellipsoid: the textbook's, with the point of the ray that is nearest to the centre.
-SELDOM bool find_exact_chord(const ray_t *ray, const int prim_id, double *t_in, double *t_out)
+APART bool find_exact_chord(const ray_t *ray, const int prim_id, double *t_in, double *t_out)
 {
     const global exact_instance_t *instance = ray->exact.instance;
     const global double *sphere = ray->exact.shapes.spheres + 4 * (instance->first_sphere + prim_id);

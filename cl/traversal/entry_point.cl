@@ -6,18 +6,18 @@
 //
 // Entry points exist in the layouts with HAS_ENTRY_POINTS, see traversal/traverse.cl.
 
-#include "rays/batch.cl"
 #include "traversal/traverse.cl"
 
 #define ROOT 0
 #define NO_CHILD -1
 
-// The node at which the ray of this work-item begins; the root if `entry_points` is NULL.
-INLINED const global node_t *find_start_node(const global node_t *nodes, const global node_t *entry_points)
+// The node at which the rays of a tile begin; the root if `entry_points` is NULL.
+INLINED const global node_t *find_start_node(
+    const global node_t *nodes, const global node_t *entry_points, const int tile_index)
 {
 #if HAS_ENTRY_POINTS
     if (entry_points) {
-        const global node_t *entry_point = entry_points + find_tile_index();
+        const global node_t *entry_point = entry_points + tile_index;
         return entry_point->child[0] == ROOT ? nodes : entry_point;
     }
 #endif

@@ -1,6 +1,7 @@
 // Rays of the camera at a world of which a part is cut away: the far side of a plane, or the inside of a box.
 //
-// HAS_CUT, if defined as 1: the picture has a cut, see clbvh/rendering/cut.py, which has the same formulas.
+// HAS_CUT, if defined as 1: the picture may have a cut, and its kind tells; clbvh/rendering/cut.py has the same
+// formulas.
 
 #include "structs.cl"
 #include "math/vectors.cl"
@@ -59,8 +60,11 @@ INLINED void traverse_shown(
     const bool at_start, search_t *search)
 {
 #if HAS_CUT
-    const cut_range_t cut = find_cut_range(view, ray);
-    const bool is_cut = is_primary && cut.begin <= cut.end;
+    cut_range_t cut = {INFINITY, -INFINITY};
+    if (is_primary && view->cut) {
+        cut = find_cut_range(view, ray);
+    }
+    const bool is_cut = cut.begin <= cut.end;
     for (int side = 0; side < 2 && !is_found(&search->nearest); side++) {
         world_ray_t part = *ray;
         if (side > 0) {

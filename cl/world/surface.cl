@@ -49,7 +49,7 @@ INLINED bool is_sphere(const world_t *world, const search_t *search)
     return HAS_SPHERES;
 }
 
-INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t *ray, const search_t *search)
+CALLED world_surface_t world_surface_at(const world_t *world, const world_ray_t *ray, const search_t *search)
 {
 #if HAS_SPHERES
     const ball_t ball = ball_at((const global sphere_block_t *)world->blocks, search->nearest.triangle_index);
@@ -111,7 +111,7 @@ INLINED bool is_sphere(const world_t *world, const search_t *search)
 #endif
 }
 
-INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t *ray, const search_t *search)
+CALLED world_surface_t world_surface_at(const world_t *world, const world_ray_t *ray, const search_t *search)
 {
 #if EXACT
     world_ray_t own = *ray;

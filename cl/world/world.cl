@@ -111,11 +111,11 @@ INLINED start_t root_of(const global node_t *nodes)
     return nodes;
 }
 
-// Where this work-item's ray begins.
+// Where the rays of a tile begin, see TILE_INDEX.
 INLINED start_t find_start(
-    const global node_t *nodes, const global tile_t *tiles, const global node_t *entry_points)
+    const global node_t *nodes, const global tile_t *tiles, const global node_t *entry_points, const int tile_index)
 {
-    return find_start_node(nodes, entry_points);
+    return find_start_node(nodes, entry_points, tile_index);
 }
 
 // Whether no ray with this start can hit anything.
@@ -147,9 +147,9 @@ INLINED start_t root_of(const global node_t *nodes)
 }
 
 INLINED start_t find_start(
-    const global node_t *nodes, const global tile_t *tiles, const global node_t *entry_points)
+    const global node_t *nodes, const global tile_t *tiles, const global node_t *entry_points, const int tile_index)
 {
-    return find_instance_start(tiles, entry_points);
+    return find_instance_start(tiles, entry_points, tile_index);
 }
 
 INLINED bool meets_nothing(const start_t *start)
@@ -173,7 +173,7 @@ INLINED void traverse_world(
 #endif
 
 // Whether a ray that begins at the root meets anything.
-INLINED bool meets_anything(const world_t *world, const world_ray_t *ray)
+CALLED bool meets_anything(const world_t *world, const world_ray_t *ray)
 {
     search_t search = make_search(1, 0);
     traverse_world(world, ray, false, &search, QUERY_COUNT);

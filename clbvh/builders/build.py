@@ -111,8 +111,8 @@ def build(
         See `clbvh.BuildOptions`. A builder ignores options that do not apply to it; a quality that it does not have
         is refused.
     device : DeviceInfo, str, int or None
-        The OpenCL device that builds a tree of the quality ``"fast"``: a number, part of its name, ``"gpu"`` or
-        ``"cpu"``; by default a GPU, if there is one.
+        The device that builds a tree of the quality ``"fast"``: a number, part of its name, ``"gpu"`` or ``"host"``;
+        by default a GPU, if there is one.
 
     Returns
     -------

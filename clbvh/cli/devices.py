@@ -19,7 +19,7 @@ _PIPE_WIDTH = 250
 
 
 def devices(*, as_json: options.AsJson = False) -> None:
-    """List the OpenCL devices, with a mark on the default one."""
+    """List the devices, the host first, with a mark on the default one."""
     from ..device.select import choose_device, survey_devices
     from ..errors import DeviceError
 
@@ -42,7 +42,7 @@ def devices(*, as_json: options.AsJson = False) -> None:
     # Sentences for a reader go to stderr; on stdout they would mix with the JSON object.
     print_notes(filter(None, [*survey.problems, reason]))
     if not any(device.is_available for device in survey.devices):
-        raise DeviceError("no OpenCL device can be used: run `clbvh doctor` to find the cause")
+        raise DeviceError("no device can be used: run `clbvh doctor` to find the cause")
 
 
 def describe_device(device: DeviceInfo) -> dict[str, Any]:
@@ -73,7 +73,7 @@ def _print_table(devices: tuple[DeviceInfo, ...], default: DeviceInfo | None) ->
             facts.add_row("", f"{memory}, {units} units, fp64 {fp64}, layout {layout}")
             console.print(facts)
     if default is not None:
-        console.print("* used by default; choose with --device NUMBER, a part of a name, gpu or cpu", style="dim")
+        console.print("* used by default; choose with --device NUMBER, a part of a name, gpu or host", style="dim")
 
 
 def _describe_row(device: DeviceInfo, is_default: bool) -> tuple[str, ...]:

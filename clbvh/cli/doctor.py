@@ -1,4 +1,4 @@
-"""`clbvh doctor`: the causes of a missing or failing device, and remedies."""
+"""`clbvh doctor`: the host device and the drivers: what works, the causes of what does not, and remedies."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def doctor(
     device: Annotated[str | None, Parameter(metavar="DEVICE")] = None,
     mesh: Annotated[list[str] | None, Parameter(metavar="NAME")] = None,
 ) -> None:
-    """Check OpenCL from the loader to a kernel on each device; print faults and remedies.
+    """Check the host device, and OpenCL from the loader to kernels on each device; print faults and remedies.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def doctor(
     dry_run
         With --fix: say what would be written, only.
     device
-        With --conformance: a number, a part of a name, gpu or cpu.
+        With --conformance: a number, a part of a name, gpu or host.
     mesh
         With --conformance: only this mesh; may be given several times.
     """
@@ -82,7 +82,7 @@ def doctor(
         _print_findings(findings)
         print(f"\n{working_count} of {len(trials)} devices work")
     if not working_count:
-        raise DeviceError("no OpenCL device works: the findings of `clbvh doctor` say what to do")
+        raise DeviceError("no device works: the findings of `clbvh doctor` say what to do")
 
 
 def _print_findings(findings: list[Finding]) -> None:

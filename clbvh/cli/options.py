@@ -34,7 +34,7 @@ _SOURCE_HELP = (
 )
 _CACHE_HELP = "Keep the tree for later runs, and use one that was kept."
 _FOLDER_HELP, _FOLDER_DEFAULT = "Like --cache, in this folder.", "CLBVH_CACHE, or the user's cache"
-DEVICE_HELP = "A number, a part of a name, gpu or cpu; see `clbvh devices`."
+DEVICE_HELP = "A number, a part of a name, gpu or host; see `clbvh devices`."
 
 Source = Annotated[str, Parameter(name="MESH|SCENE", help=_SOURCE_HELP)]
 Sources = Annotated[

@@ -29,7 +29,7 @@ def tune(
     Parameters
     ----------
     every
-        All devices, so that the fastest driver of a processor is taken from then on.
+        All devices, so that the fastest of several drivers is taken from then on.
     """
     from ..device.select import choose_device, list_devices
     from ..device.settings import keep_settings

@@ -25,9 +25,9 @@ from ..errors import ConfigError, ValidationError
 from ..rendering.cameras.camera import Camera
 from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
+from ..rendering.view import View
 from ..structs import LAYOUT_WIDTHS
 from ..trace.hits.hits import AllHits, Hits
-from ..trace.launch import device_casts_all
 from ..trace.tracer import Tracer
 from ..trace.world.trees import BRUTE
 from .cases import Case, make_cases
@@ -52,7 +52,7 @@ _EYE_ASIDE, _EYE_AWAY = (0.125, 0.0625), 2.25
 def answer_rays(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> Iterator[tuple[str, Answer]]:
     """Yield each query about rays and points, and its answer."""
     rays = case.rays._asdict()
-    with Tracer(bvh, device=device, layout=layout) as tracer, device_casts_all():
+    with Tracer(bvh, device=device, layout=layout) as tracer:
         answers: dict[str, Answer] = {
             "closest_hit": _describe_hits(tracer.closest_hit(**rays)),
             "any_hit": {"is_hit": tracer.any_hit(**rays)},
@@ -74,7 +74,9 @@ def answer_pictures(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> It
     camera = Camera(tuple(eye), tuple(aside))
     is_brute = layout == BRUTE
     options = RenderOptions(device=device, builder=BRUTE) if is_brute else RenderOptions(device=device, layout=layout)
-    with Renderer(case.mesh if is_brute else bvh, options=options) as renderer:
+    # Opened for one of these shadings: that of every other renderer takes seconds to compile, and none is drawn of it.
+    view = View(shading=REPORT_SHADINGS[0])
+    with Renderer(case.mesh if is_brute else bvh, view, options=options) as renderer:
         for shading in REPORT_SHADINGS:
             picture = renderer.render(camera=camera, shading=shading, width=_PICTURE_WIDTH, height=_PICTURE_HEIGHT)
             colours = np.dstack((picture.rgb, picture.alpha)).reshape(-1, 4)

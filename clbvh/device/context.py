@@ -1,4 +1,4 @@
-"""OpenCL in this process: a context for each device, its compiled kernels, the times of commands, and forked children.
+"""OpenCL in this process: a context for each device, its compiled kernels, and forked children.
 
 One context serves all sessions of a device: PoCL 3.0 keeps 1.1 MiB for each program that it has compiled, released or
 not, so a program is compiled and loaded once in a process. A driver runs threads, and a fork copies none of them: a
@@ -11,15 +11,12 @@ from __future__ import annotations
 import ctypes
 import os
 import threading
-from collections import deque
 from collections.abc import Callable, Hashable, Iterable
 from typing import Any, ClassVar
 from weakref import WeakSet
 
 from ..errors import DeviceError, InternalError
 from .info import DeviceInfo
-
-_NS_PER_MS = 1e6
 
 
 class _OpenCL:
@@ -116,61 +113,6 @@ class Kernel:
         """Start the kernel and return its event."""
         with self._one_launch:
             return self._cl_kernel(queue, work_size, work_group, *arguments)
-
-
-# Most events held at a time: a driver keeps memory for each of them. At this number the older half is summed up, whose
-# commands have long ended.
-_MOST_EVENTS = 256
-
-
-class EventTimes:
-    """Sums of the run times of commands, by label: ``upload``, ``kernel``, ``download``; from any thread."""
-
-    def __init__(self) -> None:
-        self._events: deque[tuple[str, Any]] = deque()
-        self._lock = threading.Lock()
-        self._sums_ms: dict[str, float] = {}
-
-    def note(self, label: str, event: Any) -> None:
-        """Add an enqueued command; its times are read later, when the sums are wanted."""
-        self._events.append((label, event))
-        if len(self._events) >= _MOST_EVENTS:
-            self._sum_up(_MOST_EVENTS // 2)
-
-    def add(self, label: str, duration_ms: float) -> None:
-        """Add a time that the host has measured."""
-        with self._lock:
-            self._sums_ms[label] = self._sums_ms.get(label, 0.0) + duration_ms
-
-    def sums_ms(self) -> dict[str, float]:
-        """Wait for all noted commands and return the milliseconds of each label since the start.
-
-        Raises
-        ------
-        DeviceError
-            This process was forked from one that has used OpenCL.
-        """
-        check_process()
-        self._sum_up(len(self._events))
-        with self._lock:
-            return dict(self._sums_ms)
-
-    def _sum_up(self, count: int) -> None:
-        """Add the times of the oldest `count` events to the sums, at most."""
-        import pyopencl as cl
-
-        for _ in range(count):
-            try:
-                label, event = self._events.popleft()
-            except IndexError:  # another thread has taken it
-                return
-            try:
-                event.wait()
-                profile = event.profile
-                duration = (profile.end - profile.start) / _NS_PER_MS
-            except cl.Error:  # the command failed, which those who wait for its results learn
-                continue
-            self.add(label, duration)
 
 
 Kernels = dict[str, Kernel]

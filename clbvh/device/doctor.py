@@ -1,6 +1,7 @@
 """The doctor: causes of missing or failing devices, remedies, and the registration of drivers that nothing names.
 
-Returns data and prints nothing. Drivers are touched only in processes of their own (`probe.py`).
+Returns data and prints nothing. Where the host works, OpenCL may be missing; a driver that is there and fails is a
+problem all the same. Kernels run, and drivers are touched, only in processes of their own (`probe.py`).
 """
 
 from __future__ import annotations
@@ -12,15 +13,18 @@ import sys
 import tempfile
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from ..errors import ConfigError
+from ..errors import ConfigError, DeviceError, KernelBuildError
 from .driver_files import DriverFile, find_folders, find_naming_variable, find_registered_folder, read_driver_files
-from .info import DeviceInfo
-from .pocl_linker import explain_missing_linker
+from .host.compile import find_digest
+from .host.info import describe_host
+from .host.library import open_library
+from .info import HOST_PLATFORM, DeviceInfo
 from .probe import ProbeResult, run_probe
+from .select import NO_DRIVER
 
 # Most characters of a compiler's log in a message: a few lines; `Trial.error` has all of it.
 _ERROR_LENGTH = 400
@@ -50,16 +54,6 @@ _GPUS = {
 # PCI base classes: display controller, processing accelerator (AMD's Instinct cards call themselves that).
 _GPU_CLASSES = ("0x03", "0x12")
 
-# Commands that install a driver for the CPU, by system and machine; docs/devices.md has the same table.
-_APT, _CONDA = "$ sudo apt install pocl-opencl-icd", "$ conda install -c conda-forge pyopencl pocl"
-_INTEL = "$ pip install intel-opencl-rt intel-cmplr-lib-rt && clbvh doctor --fix"
-CPU_DRIVERS = {
-    "linux x86_64": ("$ pip install --force-reinstall pocl-binary-distribution", _APT, _CONDA),
-    "linux aarch64": (_APT, _CONDA),
-    "darwin arm64": (_CONDA,),
-    "win32 amd64": ("$ conda install -c conda-forge pyopencl pocl-cpu-minimal",),
-}
-
 # Advice by the words of a failure: the first that fits.
 _ADVICE = {
     # The LLVM inside PoCL calls a newer processor "generic", which the compiler then refuses (pocl/pocl issue 1049).
@@ -67,7 +61,7 @@ _ADVICE = {
         "this PoCL is older than the CPU: use a newer one, as that of conda-forge, or name a CPU that it knows",
         "$ export POCL_LLVM_CPU_NAME=x86-64-v3",
     ),
-    "cannot compile kernels without": ("$ apt-get install binutils libc6-dev libgcc-12-dev    # or gcc", _INTEL),
+    "cannot compile kernels without": ("$ sudo apt install gcc    # or do without this driver: the host needs none",),
     "Portable Computing Language.*offers no device|No space left|Permission denied": (
         "the driver needs a folder for kernels with room to write: name another place",
         "$ export POCL_CACHE_DIR=$(mktemp -d) CUDA_CACHE_PATH=$(mktemp -d)",
@@ -77,9 +71,12 @@ _ADVICE = {
     "lib(imf|svml|irng|intlc)": ("Intel's runtime needs its compiler's libraries", "$ pip install intel-cmplr-lib-rt"),
     "which cannot be loaded|cannot be read": ("reinstall the driver and the libraries it needs, or delete the file",),
     "pyopencl cannot be imported": ("$ pip install --force-reinstall --only-binary :all: pyopencl",),
+    r"\(host\)|do not fit": ("$ pip install --force-reinstall --no-deps clbvh",),
     "asks all drivers": ("try the drivers one at a time", "$ OCL_ICD_VENDORS=/path/of/one/driver.icd clbvh devices"),
     "": ("update the driver of this device; until then choose another one with --device",),
 }
+
+Severity = Literal["ok", "note", "problem"]
 
 
 @dataclass(frozen=True)
@@ -89,8 +86,8 @@ class Finding:
     Attributes
     ----------
     check : str
-        The check: ``"pyopencl"``, ``"loader"``, ``"driver file"``, ``"driver library"``, ``"platform"``,
-        ``"device"`` or ``"hardware"``.
+        The check: ``"host"``, ``"pyopencl"``, ``"loader"``, ``"driver file"``, ``"driver library"``,
+        ``"platform"``, ``"device"`` or ``"hardware"``.
     severity : {"ok", "note", "problem"}
         A note may be intended; a problem prevents something from working.
     message : str
@@ -99,13 +96,13 @@ class Finding:
     """
 
     check: str
-    severity: Literal["ok", "note", "problem"]
+    severity: Severity
     message: str
     advice: tuple[str, ...] = ()
 
 
 class Trial(NamedTuple):
-    """The result of a small kernel on one device; `error` is empty if it was right, `log` is the driver's output."""
+    """The result of a small sort on one device; `error` is empty if it was right, `log` is the driver's output."""
 
     device: DeviceInfo
     error: str
@@ -128,58 +125,76 @@ def advise(failure: str) -> tuple[str, ...]:
 
 
 def diagnose(timeout_s: float) -> tuple[list[Finding], list[Trial]]:
-    """Check everything from the Python package down to a kernel on each device.
+    """Check the host, and then everything from the Python package down to kernels on each OpenCL device.
 
     Returns
     -------
     findings : list of Finding
-        In the order in which an OpenCL program meets them.
+        In the order in which a program meets them.
     trials : list of Trial
-        One for each device.
+        One for each device, the host first.
     """
-    listing, trials = _try_devices(timeout_s)
-    findings = []
+    host, trials = _try_host(timeout_s)
+    # Without the host, whatever OpenCL lacks is a fault.
+    lack: Severity = "note" if host.severity == "ok" else "problem"
+    listing, opencl_trials = _try_opencl(timeout_s)
+    findings = [host]
     if version := listing.answer.get("pyopencl"):
         findings.append(Finding("pyopencl", "ok", f"pyopencl {version}"))
     elif listing.answer:
-        findings.append(_report("pyopencl", f"pyopencl cannot be imported: {listing.failure}"))
+        findings.append(_report("pyopencl", f"pyopencl cannot be imported: {listing.failure}", severity=lack))
     if sys.platform == "linux":  # elsewhere the loader works without files
         findings += _check_files(timeout_s)
 
-    # The trial of its device says that a linker is missing.
-    problems = [problem for problem in listing.answer.get("problems", ()) if problem != explain_missing_linker()]
+    problems = list(listing.answer.get("problems", ()))
+    if NO_DRIVER in problems:
+        findings.append(Finding("platform", lack, NO_DRIVER))
     if not listing.answer:
         problems.append(f"the process that asks all drivers for their devices {listing.failure}")
-    findings += [_report("platform", problem) for problem in problems]
-    for device, error, log in trials:
-        if error:
-            said = textwrap.shorten(error, _ERROR_LENGTH, placeholder=" ...")
-            findings.append(_report("device", f"{device} does not work: {said}", f"{error}\n{log}"))
-        else:
-            findings.append(Finding("device", "ok", f"{device} computes correctly"))
-
-    working = [trial.device for trial in trials if not trial.error]
-    findings += check_gpus(working)
-    if not working:
-        commands = CPU_DRIVERS.get(f"{sys.platform} {platform.machine().lower()}", (_CONDA,))
-        message = "no device works: clbvh needs an OpenCL driver; each of these brings one for the CPU"
-        findings.append(Finding("device", "problem", message, commands))
-    return findings, trials
+    findings += [_report("platform", problem) for problem in problems if problem not in (NO_DRIVER, host.message)]
+    findings += map(_judge, opencl_trials)
+    findings += check_gpus([trial.device for trial in opencl_trials if not trial.error])
+    return findings, trials + opencl_trials
 
 
-def _try_devices(timeout_s: float, environment: Mapping[str, str] | None = None) -> tuple[ProbeResult, list[Trial]]:
-    """Return the list of all devices, as a process of its own has it, and the trial of each."""
+def _try_host(timeout_s: float) -> tuple[Finding, list[Trial]]:
+    """Check the library of compiled kernels, and try it."""
+    try:
+        library, device = open_library(), describe_host()
+    except (DeviceError, KernelBuildError) as error:
+        return Finding("host", "problem", str(error)), []  # it says what to do
+    if library.digest != find_digest():
+        return _report("host", f"the compiled kernels in {library.path} do not fit their sources"), []
+    result = run_probe("try", HOST_PLATFORM, timeout_s=timeout_s)
+    trial = Trial(device, result.failure, result.log)
+    if result.failure:
+        return replace(_judge(trial), check="host"), [trial]
+    levels = f"{library.path} has code for {', '.join(library.levels)}, and {library.level} runs here"
+    return Finding("host", "ok", f"{device} computes correctly: {levels}"), [trial]
+
+
+def _try_opencl(timeout_s: float, environment: Mapping[str, str] | None = None) -> tuple[ProbeResult, list[Trial]]:
+    """Return the list of all devices, as a process of its own has it, and the trial of each that is not the host."""
     listing = run_probe("list", timeout_s=timeout_s, environment=environment)
     trials = []
     for facts in listing.answer.get("devices", ()):
-        result = run_probe("try", str(facts["number"]), timeout_s=timeout_s, environment=environment)
         del facts["layout"]
-        trials.append(Trial(DeviceInfo(**facts), result.failure, result.log))
+        if not (device := DeviceInfo(**facts)).is_host:
+            result = run_probe("try", str(device.number), timeout_s=timeout_s, environment=environment)
+            trials.append(Trial(device, result.failure, result.log))
     return listing, trials
 
 
-def _report(check: str, message: str, log: str = "") -> Finding:
-    return Finding(check, "problem", message, advise(f"{message}\n{log}"))
+def _judge(trial: Trial) -> Finding:
+    device, error, log = trial
+    if not error:
+        return Finding("device", "ok", f"{device} computes correctly")
+    said = textwrap.shorten(error, _ERROR_LENGTH, placeholder=" ...")
+    return _report("device", f"{device} does not work: {said}", f"{error}\n{log}")
+
+
+def _report(check: str, message: str, log: str = "", severity: Severity = "problem") -> Finding:
+    return Finding(check, severity, message, advise(f"{message}\n{log}"))
 
 
 def _check_files(timeout_s: float) -> Iterator[Finding]:
@@ -190,8 +205,6 @@ def _check_files(timeout_s: float) -> Iterator[Finding]:
         yield Finding("loader", "note", message, ("if that is not intended:", f"$ unset {variable}"))
     else:
         yield Finding("loader", "ok", f"the loader looks for *.icd files in {' and '.join(map(str, find_folders()))}")
-    if not files:
-        yield Finding("driver file", "problem", "no driver is registered: there is no *.icd file")
     for file in files:
         if not file.library:
             yield _report("driver file", f"{file.path} cannot be read or is empty")
@@ -265,7 +278,7 @@ def try_library(library: str, timeout_s: float) -> tuple[list[str], str]:
         icd.write_text(f"{library}\n")
         # A file, not its folder: the loader takes it for the only driver.
         environment = {"OCL_ICD_VENDORS": str(icd)}
-        listing, trials = _try_devices(timeout_s, environment)
+        listing, trials = _try_opencl(timeout_s, environment)
     working = [trial.device.name for trial in trials if not trial.error]
     failures = [f"{trial.device.name}: {trial.error}" for trial in trials if trial.error]
     reasons = [listing.failure, *listing.answer.get("problems", ()), *failures, "it offers no device"]

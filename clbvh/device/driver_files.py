@@ -90,6 +90,18 @@ def read_driver_files() -> list[DriverFile]:
     return [_read(path) for folder in folders for path in sorted(folder.glob("*.icd"))]
 
 
+# Drivers of processors alone. Mesa's are none: distributions choose the GPUs that they serve.
+_OF_PROCESSORS = ("libpocl", "libintelocl", "liboclgrind")
+
+
+def may_serve_gpus() -> bool:
+    """Return whether a driver is registered that may serve something else than the processor; no library is loaded."""
+    if sys.platform != "linux":  # loaders find drivers without files
+        return find_spec("pyopencl") is not None
+    libraries = (Path(file.library).name for file in read_driver_files() if file.library)
+    return any(not name.startswith(_OF_PROCESSORS) for name in libraries)
+
+
 def _read(path: Path) -> DriverFile:
     try:
         # Like the loader, cut off only the end of the line: to it a stray blank is part of the name.

@@ -1,23 +1,27 @@
-"""The description of one OpenCL device."""
+"""The description of one device: the host, or one of OpenCL."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import Any
 
+# The platform of the host.
+HOST_PLATFORM = "host"
+
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """One OpenCL device, as its driver describes it.
+    """One device: the host, or one of OpenCL as its driver describes it.
 
     Attributes
     ----------
     number : int
         Index in `list_devices`, and the number for ``--device``.
     platform, platform_version : str
-        The driver the device belongs to.
+        The driver the device belongs to; ``"host"`` for the host.
     name, vendor, version, driver_version : str
-        As the driver reports them; `version` is the OpenCL version of the device.
+        As the driver reports them; `version` is the OpenCL version of the device, or the level of processor that the
+        host's kernels are compiled for, as in ``"level v3"``.
     kind : str
         ``"gpu"``, ``"accelerator"``, ``"cpu"`` or ``"other"``.
     memory_bytes, max_allocation_bytes : int
@@ -56,6 +60,11 @@ class DeviceInfo:
     has_unified_memory: bool = False
     is_available: bool = True
     cl_device: Any = field(default=None, repr=False, compare=False)
+
+    @property
+    def is_host(self) -> bool:
+        """Whether this is the host itself, whose kernels were compiled ahead of time; no driver."""
+        return self.platform == HOST_PLATFORM
 
     @property
     def is_simulator(self) -> bool:

@@ -3,8 +3,8 @@
 `python -m clbvh.device.probe WHAT` does one thing and writes one JSON object on its standard output; `run_probe` starts
 it and reads the answer. WHAT is one of
 
-- ``list``: describe pyopencl and all platforms;
-- ``try NUMBER``: compile and run a small kernel on one device of that list, and check the result;
+- ``list``: describe pyopencl and all devices;
+- ``try DEVICE``: run kernels on one device, its number or "host", and check the result;
 - ``load NAME``: load a driver's library as the loader would, for the linker's message when that fails.
 """
 
@@ -19,11 +19,13 @@ import sys
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ..errors import DeviceError
+from ..errors import ClbvhError
 
-# One more than a power of two: a driver that rounds the range shows itself. The numbers are exact in float32.
+# One more than a power of two: a driver that rounds the range shows itself.
 _ITEM_COUNT = 1025
-_KERNEL = "kernel void change(global float *x) { int i = get_global_id(0); x[i] = 2.0f * x[i] + (float)i + 1.0f; }"
+# Keys that are numbers below it in no order; coprime to it.
+_STEP = 512
+_KEY_BITS = 11
 
 # A compiler that no longer works must not hide behind kernels that it compiled earlier.
 _WITHOUT_CACHES = {"POCL_KERNEL_CACHE": "0", "PYOPENCL_NO_CACHE": "1", "CUDA_CACHE_DISABLE": "1"}
@@ -70,29 +72,19 @@ def _list() -> dict[str, Any]:
     return {"pyopencl": version, "devices": devices, "problems": survey.problems}
 
 
-def _try(number: int) -> dict[str, Any]:
+def _try(device: str) -> dict[str, Any]:
     import numpy as np
 
-    from .pocl_linker import explain_missing_linker
-    from .select import import_pyopencl, pick_device, survey_devices
+    from .open import open_device
+    from .radix_sort import sort_pairs
 
-    cl = import_pyopencl()
-    device = pick_device(survey_devices().devices, number)
-    if reason := explain_missing_linker(device.driver_version):
-        return {"error": reason}
-    numbers = np.arange(_ITEM_COUNT, dtype=np.float32)
-    expected = 3 * numbers + 1
-    try:
-        context = cl.Context([device.cl_device])
-        queue = cl.CommandQueue(context)
-        program = cl.Program(context, _KERNEL).build()
-        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
-        buffer = cl.Buffer(context, flags, hostbuf=numbers)
-        program.change(queue, numbers.shape, None, buffer)
-        cl.enqueue_copy(queue, numbers, buffer)
-    except cl.Error as error:
-        return {"error": str(error)}
-    wrong_count = int(np.count_nonzero(numbers != expected))
+    keys = np.arange(_ITEM_COUNT, dtype=np.uint64) * _STEP % _ITEM_COUNT
+    found = np.zeros_like(keys)
+    with open_device(device) as session:
+        pairs = session.allocate(keys.nbytes)
+        session.write(pairs, keys << 32)
+        session.download(sort_pairs(session, pairs, _ITEM_COUNT, _KEY_BITS), found)
+    wrong_count = int(np.count_nonzero(found >> 32 != np.arange(_ITEM_COUNT)))
     return {"error": f"computed {wrong_count} of {_ITEM_COUNT} numbers wrong"} if wrong_count else {}
 
 
@@ -101,10 +93,10 @@ def _main(task: str, argument: str = "") -> None:
     answer_file = os.dup(1)
     os.dup2(2, 1)
     try:
-        answer = _list() if task == "list" else _try(int(argument)) if task == "try" else {}
+        answer = _list() if task == "list" else _try(argument) if task == "try" else {}
         if task == "load":
             ctypes.CDLL(argument)
-    except (DeviceError, OSError) as error:
+    except (ClbvhError, OSError) as error:
         # The cause has the loader's own words, without the advice to run the doctor.
         answer = {"error": str(error.__cause__ or error)}
     os.write(answer_file, json.dumps(answer).encode())

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .program import build_kernels
 from .session import DeviceSession
 
 PAIR_BYTES = 8
@@ -75,7 +74,7 @@ def sort_pairs(
         The device has no room for as many pairs again.
     """
     plan = plan or (CPU_PLAN if session.info.kind == "cpu" else GPU_PLAN)
-    kernels = build_kernels(session, "radix_sort", {"DIGIT_BITS": plan.digit_bits, "GROUP_SIZE": plan.group_size})
+    kernels = session.kernels("radix_sort", {"DIGIT_BITS": plan.digit_bits, "GROUP_SIZE": plan.group_size})
     item_pairs = plan.item_pairs
     if plan.group_size == 1:
         # As many chunks as a CPU's cores can share evenly, none of which has fewer pairs than digits.

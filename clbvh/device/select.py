@@ -1,28 +1,29 @@
-"""The OpenCL devices of this machine: their order, and the choice of one by a number, a kind or a part of a name.
+"""The devices of this machine: their order, and the choice of one by a number, a kind or a part of a name.
 
-The order numbers them and decides which is the default. Of several drivers for one processor, the fastest by `clbvh
-tune` comes first; without its measurements, the order is that of docs/devices.md. Names of platforms and devices are
-matched apart, because a driver for the CPU puts the processor's brand into the device's name
-("cpu-sapphirerapids-Intel(R) Xeon(R)" is PoCL): the maker's name alone means that maker's driver or graphics card.
+The host is number 0, and the default where there is no GPU; then OpenCL is not even asked. The others are numbered by
+preference: of several drivers for the same hardware, the fastest by `clbvh tune` comes first; without its measurements,
+the order is that of docs/devices.md. Names of platforms and devices are matched apart, because a driver for the CPU
+puts the processor's brand into the device's name ("cpu-sapphirerapids-Intel(R) Xeon(R)" is PoCL): the maker's name
+alone means that maker's driver or graphics card.
 
-Must not know why a device is missing: that is `doctor.py`. `pyopencl` is imported on first use, so that a machine
-without a working OpenCL loader gets a `DeviceError` instead of a traceback.
+Must not know why a device is missing: that is `doctor.py`. `pyopencl` is imported on first use: the host needs none.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
-from ..errors import DeviceError
-from .context import claim_opencl
-from .driver_files import added_drivers, prepare_pocl_folder
-from .info import DeviceInfo
-from .pocl_cpu_name import name_unknown_cpu
-from .pocl_linker import explain_missing_linker
+from ..errors import DeviceError, KernelBuildError
+from .context import check_process, claim_opencl
+from .driver_files import added_drivers, may_serve_gpus, prepare_pocl_folder
+from .host.info import describe_host
+from .info import HOST_PLATFORM, DeviceInfo
 from .settings import find_settings
 
 DEVICE_VARIABLE = "CLBVH_DEVICE"
@@ -32,6 +33,9 @@ ALL_DEVICES = "all"
 # The kinds that can be asked for, in the order of preference.
 KINDS = ("gpu", "accelerator", "cpu")
 
+# Specifications of the host, for which no other device is looked at.
+_HOST_WORDS = (HOST_PLATFORM, "cpu", "0")
+
 # Makers of processors. In the name of a CPU they tell nothing about its driver.
 _MAKERS = ("amd", "apple", "arm", "authenticamd", "genuineintel", "intel", "nvidia", "qualcomm")
 
@@ -40,6 +44,9 @@ _SHORT_NAMES = {"Portable Computing Language": ("pocl",)}
 
 # Drivers for the CPU, the fastest first; the empty name stands for all others.
 _FASTEST_FIRST = ("Portable Computing Language", "Intel(R) OpenCL", "", "Clover", "rusticl")
+
+# A note where the host works: see `doctor.py`.
+NO_DRIVER = "no OpenCL driver is installed: a GPU needs that of its vendor"
 
 # The error code of an OpenCL loader without a registered driver (extension cl_khr_icd).
 _PLATFORM_NOT_FOUND = -1001
@@ -52,9 +59,9 @@ class DeviceSurvey:
     Attributes
     ----------
     devices : tuple of DeviceInfo
-        Numbered from 0, the default first.
+        Numbered from 0, the host first.
     problems : tuple of str
-        One sentence for each platform or device that was left out.
+        One sentence for each platform or device that was left out, or about OpenCL as a whole.
     """
 
     devices: tuple[DeviceInfo, ...]
@@ -78,26 +85,32 @@ def import_pyopencl() -> Any:
 
 
 def survey_devices() -> DeviceSurvey:
-    """Ask every platform for its devices, and list the failures.
+    """Describe the host, ask every platform for its devices, and list the failures.
 
-    A platform or a device whose queries fail is left out: one broken driver must not hide the others.
-
-    Raises
-    ------
-    DeviceError
-        `pyopencl` cannot be imported, or this process was forked from one that has used OpenCL.
+    A platform or a device whose queries fail is left out: one broken driver must not hide the others. A process that
+    was forked from one that has used OpenCL has the host alone.
     """
+    devices: list[DeviceInfo] = []
+    problems: list[str] = []
+    for ask in (lambda: [describe_host()], lambda: _ask_platforms(problems)):
+        try:
+            devices += ask()
+        except (DeviceError, KernelBuildError) as error:
+            problems.append(str(error))
+    return DeviceSurvey(number_devices(devices, lambda device: find_settings(device).measured_ms), tuple(problems))
+
+
+def _ask_platforms(problems: list[str]) -> list[DeviceInfo]:
+    """Return the devices of OpenCL, and add a sentence about each that was left out."""
     cl = import_pyopencl()
     claim_opencl()
     devices: list[DeviceInfo] = []
-    problems: list[str] = []
-
     try:
         with added_drivers():
             platforms = cl.get_platforms()
     except cl.Error as error:
-        if error.code != _PLATFORM_NOT_FOUND:
-            problems.append(f"the OpenCL loader fails: {error}")
+        is_empty = error.code == _PLATFORM_NOT_FOUND
+        problems.append(NO_DRIVER if is_empty else f"the OpenCL loader fails: {error}")
         platforms = []
 
     for number, platform in enumerate(platforms):
@@ -111,28 +124,23 @@ def survey_devices() -> DeviceSurvey:
             problems.append(f"the platform '{platform_name}' offers no device")
         for cl_device in found:
             try:
-                device = _describe(cl, platform, cl_device)
+                devices.append(_describe(cl, platform, cl_device))
             except cl.Error as error:
                 problems.append(f"a device of the platform '{platform_name}' cannot be described: {error}")
-                continue
-            name_unknown_cpu(device)
-            if reason := explain_missing_linker(device.driver_version):
-                problems.append(reason)
-                device = replace(device, is_available=False)
-            devices.append(device)
+    return devices
 
-    return DeviceSurvey(number_devices(devices, lambda device: find_settings(device).measured_ms), tuple(problems))
+
+@cache
+def _has_gpus() -> bool:
+    """Return whether OpenCL has a device that is preferred to the host; a forked child keeps its parent's answer."""
+    if not may_serve_gpus():
+        return False
+    check_process()
+    return any(_is_usable(device) and _rank_kind(device) < KINDS.index("cpu") for device in survey_devices().devices)
 
 
 def list_devices() -> list[DeviceInfo]:
-    """Return all usable devices, numbered from 0 in an order that depends on the devices alone.
-
-    Empty if no driver is registered.
-
-    Raises
-    ------
-    DeviceError
-        `pyopencl` cannot be imported, or this process was forked from one that has used OpenCL.
+    """Return all devices, the host first, numbered from 0 in an order that depends on the devices alone.
 
     Examples
     --------
@@ -149,18 +157,18 @@ def choose_device(spec: Any = None) -> DeviceInfo:
     Parameters
     ----------
     spec : str, int or pyopencl.Device, optional
-        A number of `list_devices`; ``"gpu"``, ``"accelerator"`` or ``"cpu"``; a part of the name of a device or its
-        platform, in upper or lower case; or both, as in ``"intel gpu"``. The maker of a processor, as in ``"intel"``,
-        means that maker's driver or graphics card, not the processor under another driver. Without it the environment
-        variable ``CLBVH_DEVICE`` decides, and without that the best device is taken: a GPU, else an accelerator, else a
-        CPU; of one kind the fastest that `clbvh tune` measured. A `pyopencl.Device` may also be a part of one, as
-        `create_sub_devices` returns them.
+        A number of `list_devices`, of which 0 is the host; ``"host"`` or ``"cpu"``, the host as well; ``"gpu"`` or
+        ``"accelerator"``; a part of the name of a device or its platform, in upper or lower case, as in ``"pocl"``; or
+        both, as in ``"intel gpu"``. The maker of a processor, as in ``"intel"``, means that maker's driver or graphics
+        card, not the processor under another driver. Without it the environment variable ``CLBVH_DEVICE`` decides, and
+        without that the best device is taken: a GPU, else an accelerator, else the host; of one kind the fastest that
+        `clbvh tune` measured. A `pyopencl.Device` may also be a part of one, as `create_sub_devices` returns them.
 
     Raises
     ------
     DeviceError
-        There is no device at all, none matches, or different ones match; or this process was forked from one that has
-        used OpenCL.
+        None matches, or different ones match; or this process was forked from one that has used OpenCL, and the device
+        is another one than the host.
 
     Examples
     --------
@@ -175,14 +183,21 @@ def choose_device(spec: Any = None) -> DeviceInfo:
     if spec is None or spec == "":
         spec = os.environ.get(DEVICE_VARIABLE, "").strip() or None
         asked_by = f" (asked for by {DEVICE_VARIABLE})" if spec is not None else ""
+    word = _simplify(str(spec)) if spec is not None else ""
+    if word in _HOST_WORDS or (spec is None and not _has_gpus()):
+        try:
+            return describe_host()
+        except DeviceError:
+            if word == HOST_PLATFORM:
+                raise  # otherwise a driver may serve
+    check_process()
     survey = survey_devices()
-    cl = import_pyopencl()
-    if isinstance(spec, cl.Device):
+    if (cl := sys.modules.get("pyopencl")) is not None and isinstance(spec, cl.Device):
         known = next((device for device in survey.devices if device.cl_device == spec), None)
         return known or _describe(cl, spec.platform, spec)
     if not survey.devices:
         reason = f" ({survey.problems[0]})" if survey.problems else ""
-        raise DeviceError(f"no OpenCL device was found{reason}: run `clbvh doctor` to find the cause")
+        raise DeviceError(f"no device was found{reason}: run `clbvh doctor` to find the cause")
     return pick_device(survey.devices, spec, asked_by)
 
 
@@ -192,8 +207,8 @@ def choose_devices(spec: Any) -> list[Any]:
     Parameters
     ----------
     spec : DeviceInfo, str, int, pyopencl.Device or None, or a sequence of them
-        ``"all"`` stands for all GPUs; without any, for all accelerators; without these, for the CPU. Of several drivers
-        for the same hardware it takes the preferred one.
+        ``"all"`` stands for all GPUs; without any, for all accelerators; without these, for the host. Of several
+        drivers for the same hardware it takes the preferred one.
 
     Raises
     ------
@@ -201,7 +216,10 @@ def choose_devices(spec: Any) -> list[Any]:
         As `choose_device` does, or the sequence is empty.
     """
     if isinstance(spec, str) and _simplify(spec) == ALL_DEVICES:
-        return _keep_distinct(list_devices()) or [choose_device()]
+        if not _has_gpus():
+            return [choose_device("cpu")]
+        check_process()
+        return _keep_distinct(list_devices())
     if not isinstance(spec, Sequence) or isinstance(spec, str):
         return [spec]
     if not spec:
@@ -211,14 +229,12 @@ def choose_devices(spec: Any) -> list[Any]:
 
 
 def _keep_distinct(devices: Sequence[DeviceInfo]) -> list[DeviceInfo]:
-    """Return the usable devices of the preferred kind: a CPU beside GPUs has their host work to do.
+    """Return the GPUs, or else the accelerators: a CPU beside them has their host work to do.
 
     Drivers name the same card in different ways, so the cards of one maker are those that its first driver lists.
     """
     usable = [device for device in devices if _is_usable(device)]
-    alike = [device for device in usable if device.kind == usable[0].kind]
-    if alike and alike[0].kind == "cpu":
-        return alike[:1]
+    alike = [device for device in usable if device.kind == pick_device(usable, None).kind]
     drivers = {_maker(device): device.platform for device in reversed(alike)}
     return [device for device in alike if device.platform == drivers[_maker(device)]]
 
@@ -237,6 +253,8 @@ def find_again(device: DeviceInfo) -> DeviceInfo:
     DeviceError
         This process has no such device.
     """
+    if device.is_host:
+        return describe_host()
     if device.cl_device is not None:
         return device
     for found in list_devices():
@@ -308,9 +326,10 @@ def _sort_measured(ordered: list[DeviceInfo], kind: str, measured_ms: Callable[[
     """Reorder the measured devices of a kind among their own indices, the fastest first.
 
     Kinds are not compared: only kernels were timed, without the transfers to a graphics card. A device that was not
-    measured keeps its index.
+    measured keeps its index, and so does the host.
     """
-    usable = [index for index, device in enumerate(ordered) if device.kind == kind and _is_usable(device)]
+    alike = [index for index, device in enumerate(ordered) if device.kind == kind and not device.is_host]
+    usable = [index for index in alike if _is_usable(ordered[index])]
     times = {index: measured_ms(ordered[index]) for index in usable} if len(usable) > 1 else {}
     known = {index: ms for index, ms in times.items() if ms is not None}
     fastest_first = [ordered[index] for index in sorted(known, key=known.__getitem__)]
@@ -322,12 +341,17 @@ def _is_usable(device: DeviceInfo) -> bool:
     return device.is_available and not device.is_emulated
 
 
+def _rank_kind(device: DeviceInfo) -> int:
+    return KINDS.index(device.kind) if device.kind in KINDS else len(KINDS)
+
+
 def _preference(device: DeviceInfo) -> tuple[Any, ...]:
     """Return a sorting key, lowest for the preferred device."""
     is_gpu, driver = device.kind == "gpu", device.platform if device.platform in _FASTEST_FIRST else ""
     return (
+        not device.is_host,
         not device.is_available,
-        KINDS.index(device.kind) if device.kind in KINDS and not device.is_emulated else len(KINDS),
+        _rank_kind(device) if not device.is_emulated else len(KINDS),
         # A graphics card before a GPU inside the CPU, which may report all of the host's memory.
         is_gpu and device.has_unified_memory,
         -device.memory_bytes if is_gpu else 0,
@@ -357,7 +381,7 @@ def pick_device(devices: Sequence[DeviceInfo], spec: str | int | None, asked_by:
         No device matches, or several different ones do.
     """
     if spec is None:
-        return devices[0]
+        return min(devices, key=lambda device: _rank_kind(device) if _is_usable(device) else len(KINDS))
     there_are = f"the device{'s are' if len(devices) > 1 else ' is'} " + "; ".join(str(device) for device in devices)
 
     word = _simplify(str(spec))

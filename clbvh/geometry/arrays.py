@@ -59,7 +59,15 @@ def wait_for(array: Any) -> None:
     """Wait for the commands that write an array on a device.
 
     `Array.finish` forgets the events then, also those that another thread still waits for: a crash in the driver.
+
+    Raises
+    ------
+    DeviceError
+        This process was forked from one that has used OpenCL.
     """
+    from ..device.context import check_process  # imported here: few arrays are on a device
+
+    check_process()
     for event in list(array.events):
         event.wait()
 
@@ -67,9 +75,9 @@ def wait_for(array: Any) -> None:
 def _map(array: Any) -> NDArray[Any]:
     """Return an array on a device as the host sees it: a CPU's memory is not copied."""
     cl = sys.modules["pyopencl"]
+    wait_for(array)
     if array.size == 0 or not isinstance(array.base_data, cl.MemoryObjectHolder):
         return array.get()
-    wait_for(array)
     ways = [(length - 1) * stride for length, stride in zip(array.shape, array.strides, strict=True)]
     begin, end = (array.offset + sum(bound(way, 0) for way in ways) for bound in (min, max))
     size, queue = end - begin + array.dtype.itemsize, array.queue or cl.CommandQueue(array.context)

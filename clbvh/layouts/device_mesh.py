@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..device.info import DeviceInfo
-from ..device.program import build_kernels
+from ..device.open import open_device
 from ..device.select import choose_device
 from ..device.session import DeviceSession
 from ..geometry import Mesh, MeshLike, as_mesh
@@ -139,7 +139,10 @@ def take_mesh(source: MeshLike, device: DeviceInfo | str | int | None, *, or_els
     vertices, faces = source
     mesh = None
     if is_device_array(vertices) and is_device_array(faces) and vertices.context == faces.context:
-        session = DeviceSession.in_context(vertices.context)
+        # Imported here: without arrays on a device nobody needs OpenCL.
+        from ..device.opencl_session import OpenclSession
+
+        session: DeviceSession = OpenclSession.in_context(vertices.context)
         if _is_meant(session.info, device):
             mesh = DeviceMesh.take(session, vertices, faces)
     return Mesh.from_arrays(vertices, faces) if mesh is None else mesh
@@ -159,7 +162,7 @@ def move_mesh(mesh: Mesh, vertices: Any, session: DeviceSession) -> Mesh:
 def open_session(shape: Any, device: DeviceInfo | str | int | None) -> DeviceSession:
     """Return a session that sees a shape on a device, or a session on the device that is asked for."""
     session = vars(shape).get("session") if isinstance(shape, DeviceMesh) else None
-    return DeviceSession(device) if session is None or not _is_meant(session.info, device) else session.branch()
+    return open_device(device) if session is None or not _is_meant(session.info, device) else session.branch()
 
 
 def _is_meant(info: DeviceInfo, device: DeviceInfo | str | int | None) -> bool:
@@ -187,7 +190,7 @@ def _copy(session: DeviceSession, array: Any) -> Any:
 
 
 def _kernels(session: DeviceSession, dtype: np.dtype) -> Any:
-    return build_kernels(session, "take_mesh", {"IS_DOUBLE": int(dtype == np.float64)})
+    return session.kernels("take_mesh", {"IS_DOUBLE": int(dtype == np.float64)})
 
 
 def _find_bounds(session: DeviceSession, stored: dict[str, Any], *, has_new_faces: bool) -> NDArray[np.float64] | None:

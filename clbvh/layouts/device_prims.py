@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..device.program import build_kernel
 from ..device.session import DeviceSession, ReusableBuffer
 from ..geometry import Mesh, Spheres
 from ..geometry.corners import Bounded, find_corners
@@ -104,7 +103,7 @@ class DevicePrims:
             "HAS_FP64": int(not is_spheres and self._finds_degenerate(session, self.shape)),
         }
         session.run(
-            build_kernel(session, "write_blocks", defines),
+            session.kernel("write_blocks", defines),
             (block_count,),
             _WORK_GROUP,
             points=self.points,

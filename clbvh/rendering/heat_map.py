@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
-from ..device.session import DeviceSession
+from ..device.open import open_device
 from ..errors import ConfigError
 from ..geometry import Mesh
 from ..scene.scene import Scene
@@ -63,7 +63,7 @@ def open_counter(
     """
     if isinstance(source, Bvh):
         source = BuiltScene(Scene(source.mesh).snapshot(), RenderOptions(), source)
-    session = DeviceSession(device)
+    session = open_device(device)
     try:
         return Caster(session, open_world(session, source.state, source.trees or None, layout))
     except BaseException:

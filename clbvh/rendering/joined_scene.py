@@ -6,7 +6,6 @@ the instances, and into each instance whose box it meets. In one tree over all t
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -21,6 +20,7 @@ from ..geometry.loading.file_mesh import FileMesh
 from ..geometry.loading.file_parts import FileNode, FileParts, join_nodes
 from ..scene.scene import Scene
 from ..structs import HIT, NO_PRIM, WORLD_HIT
+from ..support.forks import make_lock
 from ..trace.world.trees import BRUTE
 from .built_scene import BuiltScene
 from .look_tables import find_all_corner_normals, has_whole_colours
@@ -100,7 +100,7 @@ class JoinedScenes:
 
     def __init__(self, scene: BuiltScene, frames: FrameRenderer, options: RenderOptions) -> None:
         self._scene, self._frames, self._options = scene, frames, options
-        self._lock = threading.Lock()
+        self._lock = make_lock()
         self._known: tuple[Any, JoinedScene | None] = ((), None)
 
     def find(self, view: View) -> JoinedScene | None:

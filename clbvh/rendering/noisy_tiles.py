@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..device.program import build_kernel
 from ..structs import SETTLING_SAMPLES
 from .band import Band
 
@@ -33,7 +32,7 @@ class NoisyTiles:
 
     def __init__(self, band: Band, size: tuple[int, int], tile: tuple[int, int], noise: float) -> None:
         self._band, self._noise, self.end = band, np.float32(noise), SETTLING_SAMPLES
-        self._kernel = build_kernel(band.memory.session, "settle_tiles")
+        self._kernel = band.memory.session.kernel("settle_tiles")
         self._settled = np.zeros([-(-size[axis] // tile[axis]) for axis in (1, 0)], np.int32)
         cell_count = size[0] * size[1]
         self._lights = band.take("lights", 4 * cell_count)

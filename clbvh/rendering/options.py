@@ -24,7 +24,7 @@ class RenderOptions(TreeOptions):
     builder, workers, build, cache
         See `TreeOptions`.
     device : DeviceInfo, str, int or None, or a sequence of them
-        A number, a part of a name, ``"gpu"``, ``"cpu"`` or ``"all"``, see `Tracer`. By default a GPU, if there is one.
+        A number, a part of a name, ``"gpu"``, ``"host"`` or ``"all"``, see `Tracer`. By default a GPU, if there is one.
     layout : str
         Layout of the tree on the device: ``"bvh2"``, ``"bvh4"``, ``"bvh8"``, ``"bvh8c"``, which takes half the memory,
         or ``"auto"``: the one that suits the device and the size of the scene, but ``"bvh2"`` for the builder

@@ -6,7 +6,6 @@ shading is compiled, and surfaces get their looks, when a picture first asks for
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
@@ -18,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..choices import REPORT_SHADINGS, SHADINGS
-from ..device.context import EventTimes
 from ..device.info import DeviceInfo
-from ..device.program import build_kernel
+from ..device.open import open_device
 from ..device.session import DeviceSession
+from ..device.times import CommandTimes
 from ..errors import SceneError
 from ..structs import VIEW
+from ..support.forks import make_lock
 from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
 from ..trace.launch import Call, Caster
@@ -95,7 +95,7 @@ class FrameRenderer:
         self,
         view: NDArray[np.void],
         painter: OneRayPainter | SamplePainter,
-        times: EventTimes | None = None,
+        times: CommandTimes | None = None,
         others: Mapping[DeviceSession, OneRayPainter | SamplePainter] | None = None,
         on_rows: RowProgress | None = None,
         launch_s: float = LAUNCH_S,
@@ -106,7 +106,7 @@ class FrameRenderer:
         ----------
         view : (1,) `structs.VIEW`
         painter : OneRayPainter or SamplePainter
-        times : EventTimes, optional
+        times : CommandTimes, optional
             Collects the times of this picture's commands, instead of the session's.
         others : mapping of DeviceSession to painter
             The painters on the other devices.
@@ -171,7 +171,7 @@ class FrameRenderer:
         colours = np.empty((height, width, _CHANNELS), np.uint8)
         with self.caster.working[0].open_call() as call:
             session = call.session
-            kernel = build_kernel(session, _DEVELOP)
+            kernel = session.kernel(_DEVELOP)
             band_rows = min(height, max(1, session.fit_items(_FILM_BYTES, BAND_PIXELS) // width))
             sizes = {
                 "view": VIEW.itemsize,
@@ -226,7 +226,7 @@ class _ViewEntryPoints:
 
     def __init__(self, session: DeviceSession, world: World, tile: tuple[int, int], margin: float) -> None:
         self._world, self._tile, self._margin = world, tile, np.float32(margin)
-        self._kernel = build_kernel(session, VIEW_KERNEL, world.defines) if world.has_entry_points else None
+        self._kernel = session.kernel(VIEW_KERNEL, world.defines) if world.has_entry_points else None
 
     def find(self, band: Band) -> dict[str, Any]:
         """Return the arguments of kernels that say where the rays of a band begin, by their names."""
@@ -278,7 +278,7 @@ class OneRayPainter:
         rows = np.concatenate((np.where(has_own, own, 0.0), has_own), axis=1).astype(np.float32)
         self._arguments = world.arguments | {"instance_colours": session.upload(rows)}
         self._tile = tile or session.settings.tile
-        self._kernel = build_kernel(session, "render", {**world.defines, **parts})
+        self._kernel = session.kernel("render", {**world.defines, **parts})
         self._entry_points = _ViewEntryPoints(session, world, self._tile, 0.0)
 
     def paint(self, band: Band) -> float:
@@ -372,11 +372,12 @@ class _SampleShading:
 
     def __init__(self, session: DeviceSession, world: World, shading: str, parts: Mapping[str, int]) -> None:
         self.tile = session.settings.tile
+        self.has_cutouts = parts["HAS_CUTOUTS"]
         self.arguments = world.arguments | _NO_LIGHTS
         defines = {**world.defines, "SHADING": SHADINGS[shading], **parts}
-        self.kernel = build_kernel(session, "render_samples", defines)
-        self.develop = build_kernel(session, _DEVELOP)
-        self.add_samples = build_kernel(session, "add_samples") if shading == "path" else None
+        self.kernel = session.kernel("render_samples", defines)
+        self.develop = session.kernel(_DEVELOP)
+        self.add_samples = session.kernel("add_samples") if shading == "path" else None
         self.entry_points = _ViewEntryPoints(session, world, self.tile, _FILTER_RADIUS)
 
 
@@ -484,9 +485,9 @@ class SamplePainter:
 
 def open_session(device: DeviceInfo | str | int | None, shading: str) -> DeviceSession:
     """Open a device, and load the kernel that depends on no tree, where the painter of a shading has one."""
-    session = DeviceSession(device)
+    session = open_device(device)
     if shading not in REPORT_SHADINGS:
-        build_kernel(session, _DEVELOP)
+        session.kernel(_DEVELOP)
     return session
 
 
@@ -503,7 +504,7 @@ class Painters:
 
     def __init__(self, session: DeviceSession, world: World, scene: BuiltScene) -> None:
         self._session, self._world, self._scene = session, world, scene
-        self._lock = threading.Lock()
+        self._lock = make_lock()
         self._known: dict[Any, Any] = {}
         self._tables: dict[Any, Any] = {}  # that no transform changes
 
@@ -537,6 +538,7 @@ class Painters:
             parts["HAS_GROUND"] = int(is_path and bool(described["ground_radius"][0] > 0))
             key = view.shading, view.smooth, *parts.values()
             shading, buffers = _keep(self._known, key, lambda: self._make_shading(view, parts))
+            described["has_cutouts"] = shading.has_cutouts
             if is_path and view.environment is not None:
                 buffers = buffers | self._find_environment(view, described)
             return SamplePainter(shading, progress, buffers)

@@ -5,7 +5,6 @@ Owns the order of the steps from a scene and a view to a picture; each step has 
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -18,16 +17,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..bvh import Bvh
 from ..choices import DEFAULT_CHANNELS, LIT_SHADINGS, REPORT_SHADINGS, STANDARD_VIEWS
-from ..device.context import EventTimes, check_process
 from ..device.info import DeviceInfo
 from ..device.select import choose_devices
 from ..device.session import DeviceSession
+from ..device.times import CommandTimes
 from ..errors import ConfigError, QueryError, SceneError
 from ..geometry import Mesh
 from ..scene.handles import Instances, shorten
 from ..scene.scene import Scene
 from ..structs import VIEW
 from ..support.context_manager import ContextManager
+from ..support.forks import make_lock
 from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
 from ..support.opened import digest_of, open_once
@@ -78,8 +78,8 @@ class Renderer(ContextManager):
     """Renders pictures of one scene on one device, or on several; a context manager.
 
     Meshes, trees and kernels are made once; each picture then costs its kernel and the transfer from the
-    device. Any number of threads may use one renderer. A child that was forked cannot: its pictures raise
-    `DeviceError`, and closing the renderer there changes nothing.
+    device. Any number of threads may use one renderer, and so may forked children on the host. On a device of
+    OpenCL they cannot: their pictures raise `DeviceError`, and closing the renderer there changes nothing.
 
     Renderers pickle as what they were opened from, and open again where they arrive, once in each process.
 
@@ -179,7 +179,7 @@ class Renderer(ContextManager):
             worlds = [(each, built.put(each)) for each in sessions]
             painters = {each: Painters(each, world, built) for each, world in worlds}
             self._shown = _Shown.make(built, FrameRenderer(*worlds[0], worlds[1:]), painters, self._options)
-            self._moving = threading.Lock()
+            self._moving = make_lock()
             watch.lap("layout")
             # So that the first picture takes no longer than the others.
             joined = self._shown.joined.find(self._shown.finder.complete(self.view))
@@ -294,7 +294,7 @@ class Renderer(ContextManager):
         if (keeps_film or is_denoised) and view.shading not in REPORT_SHADINGS:
             check_memory("the film of the picture", view.width * view.height * _FILM_BYTES, SceneError)
             progress.film = np.empty((view.height, view.width, 4), np.float32)
-        times = EventTimes()
+        times = CommandTimes()
         joined = shown.joined.find(view)
         traced = joined or shown
         frames, space, ground = traced.frames, traced.built.space, finder.ground(view, camera)
@@ -505,7 +505,7 @@ class Renderer(ContextManager):
         """Return a renderer of the same scene whose end is its own."""
         twin = object.__new__(Renderer)
         built, _, frames, painters, _ = self._shown
-        vars(twin).update(vars(self), scene=scene._at(built.state), view=view, _moving=threading.Lock())
+        vars(twin).update(vars(self), scene=scene._at(built.state), view=view, _moving=make_lock())
         worlds = {each.session: (each.session.branch(), each.world) for each in frames.caster.working}
         first, *others = worlds.values()
         own = {branch: painters[session] for session, (branch, _) in worlds.items()}
@@ -654,7 +654,6 @@ class Renderer(ContextManager):
 
 def _reopen(key: str, scene: Scene, tree: Bvh | None, view: View, options: RenderOptions) -> Renderer:
     """Return a renderer that was pickled: what it shows is opened once in this process."""
-    check_process()
     return open_once(key, lambda: Renderer(scene if tree is None else tree, view, options))._twin(scene, view)
 
 

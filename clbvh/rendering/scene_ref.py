@@ -16,7 +16,6 @@ from ..builders.options import FAST_QUALITY, BuildOptions
 from ..builders.tree_cache import find_tree_cache, get_trees
 from ..builders.tree_options import TreeOptions
 from ..bvh import Bvh
-from ..device.context import check_process
 from ..device.select import choose_devices
 from ..errors import SceneError
 from ..geometry import Shape
@@ -177,7 +176,6 @@ class SceneRef:
 
 def open_tracer(ref: SceneRef, device: Devices = None, layout: str = "auto", quality: str = "default") -> Tracer:
     """Return the tracer that the process keeps open for `SceneRef.tracer`: for queries, not to be changed or closed."""
-    check_process()  # a thread that a forked child does not have may hold the lock
 
     def load() -> tuple[Scene, Sequence[Bvh | BuildOptions]]:
         scene, _ = ref.load()
@@ -193,7 +191,6 @@ def open_tracer(ref: SceneRef, device: Devices = None, layout: str = "auto", qua
 
 def open_renderer(ref: SceneRef, options: RenderOptions | None = None) -> Renderer:
     """Return a renderer that the process keeps open: not to be closed."""
-    check_process()
     wanted = options or RenderOptions(cache=_find_cache())
     return open_once((ref.sha256, repr(wanted)), lambda: Renderer(*ref.load(), wanted))
 

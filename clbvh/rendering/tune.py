@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..builders.build import build
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
-from ..device.program import build_kernel
+from ..device.open import open_device
 from ..device.session import DeviceSession, ReusableBuffer
 from ..device.settings import Settings, default_settings
 from ..geometry.shapes.make_shape import make_shape
@@ -92,7 +92,7 @@ def tune(
     mesh = make_shape("knot", triangles=triangles)
     bvh = build(mesh)
     camera = frame_mesh(mesh, aspect=size[0] / size[1])
-    with DeviceSession(device) as session:
+    with open_device(device) as session:
         chosen = default_settings(session.info)
         trials: list[Trial] = []
         state = Scene(mesh).snapshot()
@@ -100,11 +100,12 @@ def tune(
         neighbours, *_ = orders = [session.upload(rays) for rays in _make_rays(camera, bvh, size)]
         ray_count = size[0] * size[1]
         results = session.allocate(ray_count * HIT.itemsize)
-        largest = session.info.cl_device.max_work_group_size
+        driver = session.info.cl_device  # none of the host, where a work-group is a loop
+        largest = driver.max_work_group_size if driver else max(_WORK_GROUP_SIZES)
 
         def casts(world: World, work_group_size: int) -> Callable[[], object]:
-            kernel = build_kernel(session, "closest_hit", world.defines)
-            starts_kernel = build_kernel(session, TILE_KERNEL, world.defines) if world.has_entry_points else None
+            kernel = session.kernel("closest_hit", world.defines)
+            starts_kernel = session.kernel(TILE_KERNEL, world.defines) if world.has_entry_points else None
             work, group = (ray_count, 1), (work_group_size, 1)
             buffer = ReusableBuffer(session)
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import os
-import threading
 from collections.abc import Sequence
 from numbers import Integral
 from typing import Any
@@ -20,6 +19,7 @@ from ..geometry.appearance.material import Material
 from ..geometry.as_mesh import HasGraph, MeshLike, as_mesh
 from ..geometry.loading.load import load_parts, load_placed
 from ..geometry.spheres import Shape, Spheres
+from ..support.forks import make_lock
 from .handles import (
     ALL_BITS,
     Colour,
@@ -76,7 +76,7 @@ class Scene:
     """
 
     def __init__(self, source: Shape | MeshLike | Scene | None = None) -> None:
-        self._lock = threading.RLock()  # re-entrant: several parts are added as one step
+        self._lock = make_lock()  # re-entrant: several parts are added as one step
         self._geometries, self._instances = Named[Geometry]("a geometry"), Named[Instance]("an instance")
         self._transforms: list[NDArray[np.float64]] = []  # (n, 4, 4) of each call of `place_many`
         # In place of the scene itself, which would keep its meshes alive until Python looks for cycles.

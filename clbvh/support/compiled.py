@@ -25,7 +25,6 @@ import pickle
 import shutil
 import string
 import sys
-import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -34,8 +33,10 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from llvmlite.binding.ffi import lib
 from numba.core import event
 from numba.core.caching import FunctionCache
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.environment import Environment, lookup_environment
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
@@ -43,6 +44,7 @@ from numba.core.serialize import dumps
 from .compiled_parts import Calls, PartCompiler
 from .files import replacing
 from .folders import find_cache, is_writable, say_unusable
+from .forks import make_lock, wait_before_fork
 from .say_once import say_compiling, say_once
 
 # Typed as Any: numba creates the names of its settings at run time.
@@ -50,7 +52,7 @@ _settings: Any = numba.config
 _njit: Any = numba.njit
 
 # Held while a setting of numba's differs from that of other packages: threads may import modules at the same time.
-_decorating = threading.Lock()
+_decorating = make_lock()
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -105,6 +107,11 @@ def compiled(
             finally:
                 _settings.CACHE_DIR = others
     return dispatcher
+
+
+# A fork waits until numba compiles nothing: the compiler's state would be half written in the child.
+for _lock in (lib._lock._lock, global_compiler_lock._lock):
+    wait_before_fork(_lock)
 
 
 class _CompilationListener(event.Listener):

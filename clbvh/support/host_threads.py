@@ -12,10 +12,12 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from queue import SimpleQueue
-from threading import Lock, Thread
+from threading import Thread
 from typing import Any, TypeVar
 
+from ..errors import PoolError
 from .context_manager import ContextManager
+from .forks import make_lock, renew_in_child
 
 _Result = TypeVar("_Result")
 _Jobs = SimpleQueue[Callable[[], None] | None]
@@ -55,7 +57,9 @@ class HostThreads(ContextManager):
 
     def __init__(self, count: int | None = None) -> None:
         self.count = count or usable_cores()
-        self._start_anew()
+        self._lock = make_lock()
+        self._forget_threads()
+        renew_in_child(self)
 
     def for_ranges(self, item_count: int, task: Callable[[int, int], None], *, least_items: int = LEAST_ITEMS) -> None:
         """Call ``task(begin, end)`` for ranges that cover all items once, in parallel where that pays; see `run`.
@@ -84,6 +88,7 @@ class HostThreads(ContextManager):
         errors: dict[int, Exception] = {}
         helping: list[bool] = []  # one item for each helper at work, put there before it takes a task
         endings: SimpleQueue[None] = SimpleQueue()
+        process_id = os.getpid()
 
         def work() -> None:
             with suppress(IndexError):
@@ -107,7 +112,8 @@ class HostThreads(ContextManager):
             work()
         finally:
             pending.clear()
-            _wait(helping, endings)
+            if os.getpid() == process_id:
+                _wait(helping, endings)
         if errors:
             error = errors[min(errors)]
             errors.clear()
@@ -115,12 +121,12 @@ class HostThreads(ContextManager):
                 raise error
             finally:
                 del error  # its traceback holds this frame: a cycle, which would keep arrays alive
+        if len(results) < len(argument_lists):
+            raise PoolError("this process was forked inside a task, and has none of the threads that worked beside it")
         return [results[index] for index in range(len(argument_lists))]
 
     def close(self) -> None:
         """End the threads after the tasks that they run. Closing twice is allowed; the next task starts new ones."""
-        if self._process_id != os.getpid():
-            return
         with self._lock:
             stop, threads = self._stop, self._threads
             self._forget_threads()
@@ -130,8 +136,6 @@ class HostThreads(ContextManager):
 
     def _wake(self, function: Callable[[], None], count: int) -> None:
         """Let some threads call a function, or fewer: the calling one does all that is left."""
-        if self._process_id != os.getpid():  # a forked child has no threads, and nobody would release the lock
-            self._start_anew()
         with self._lock:
             with suppress(RuntimeError):  # the system has no more threads
                 while len(self._threads) < count:
@@ -141,8 +145,9 @@ class HostThreads(ContextManager):
             for _ in self._threads[:count]:
                 self._jobs.put(function)
 
-    def _start_anew(self) -> None:
-        self._lock, self._process_id = Lock(), os.getpid()
+    def start_anew(self) -> None:
+        """See `Renewable`."""
+        self._stop.detach()
         self._forget_threads()
 
     def _forget_threads(self) -> None:

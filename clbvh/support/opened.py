@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import pickle
 from collections.abc import Callable, Hashable
-from threading import Lock
 from types import SimpleNamespace
 from typing import Any, TypeVar
+
+from .forks import make_lock
 
 _Thing = TypeVar("_Thing")
 
@@ -15,7 +16,7 @@ _Thing = TypeVar("_Thing")
 _MOST_KEPT = 2
 
 _kept: dict[Hashable, Any] = {}  # the latest used last
-_lock = Lock()
+_lock = make_lock()
 
 
 def open_once(key: Hashable, open_anew: Callable[[], _Thing]) -> _Thing:

@@ -7,11 +7,8 @@ else is remembered from one call to the next, so calls of several threads do not
 
 from __future__ import annotations
 
-import threading
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager
 from copy import copy
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -20,13 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..device.context import Kernel
-from ..device.program import build_kernel
 from ..device.radix_sort import sort_pairs
 from ..device.session import DeviceSession
 from ..support.context_manager import ContextManager
-from ..support.host_threads import HostThreads
+from ..support.forks import make_lock
 from .running_calls import MemoryLoan, RunningCalls
-from .world.trees import WideArrays
 from .world.world import World
 
 
@@ -54,35 +49,8 @@ MOST_HALVINGS = 10
 # Of the numbers by which rays and points are ordered.
 _KEY_BITS = 25
 
-_MS_PER_S = 1e3
-
-# Up to this many rays are cast by the host's threads, where they see the device's tree; a quarter of them where hits
-# are not refined: for that, the device's way takes rays and hits through the memory once more.
-MOST_HOST_RAYS = 1 << 16
-_UNREFINED_DIVISOR = 4
-
-# Least of them that are worth a thread.
-_LEAST_HOST_RAYS = 512
-
 # Least items of a thread's range in a buffer. Packing a ray takes 9 ns, and waking a thread as long as 6,000 of them.
 _LEAST_FILLED = 1 << 13
-
-_device_casts_all: ContextVar[bool] = ContextVar("device_casts_all", default=False)
-
-
-@contextmanager
-def device_casts_all() -> Iterator[None]:
-    """Let the device cast all rays that this thread asks for in the block: those who compare devices want no others."""
-    before = _device_casts_all.set(True)
-    try:
-        yield
-    finally:
-        _device_casts_all.reset(before)
-
-
-def is_device_forced() -> bool:
-    """Return whether this is in a block of `device_casts_all`."""
-    return _device_casts_all.get()
 
 
 class Batch(NamedTuple):
@@ -131,10 +99,10 @@ class Caster(ContextManager):
     def __init__(self, session: DeviceSession, world: World, owner: str = "tracer") -> None:
         self.session = session
         self.world = world
-        self.threads = HostThreads()
+        self.threads = session.threads
         self.calls = RunningCalls(session, owner)
         self._kernels: dict[tuple[Any, ...], Kernel] = {}
-        self._lock = threading.Lock()
+        self._lock = make_lock()
         self.halvings = 0  # of the usual batch, since the device did not hold it
         self.others: tuple[Caster, ...] = ()
         self.lost: set[DeviceSession] = set()
@@ -194,7 +162,7 @@ class Caster(ContextManager):
         """Return a kernel, compiled when first asked for."""
         key = name, *self.world.defines.items()
         if key not in self._kernels:
-            self._kernels[key] = build_kernel(self.session, name, self.world.defines)
+            self._kernels[key] = self.session.kernel(name, self.world.defines)
         return self._kernels[key]
 
     def close(self) -> None:
@@ -236,13 +204,6 @@ class Call(MemoryLoan):
     def session(self) -> DeviceSession:
         """A branch of the caster's session, for this call."""
         return self.memory.session
-
-    def on_host(self, ray_count: int, *, are_refined: bool = False) -> WideArrays | None:
-        """Return the tree if the rays are so few that the host casts them itself, or else None."""
-        most = MOST_HOST_RAYS if are_refined else MOST_HOST_RAYS // _UNREFINED_DIVISOR
-        if not 0 < ray_count <= most or is_device_forced():
-            return None
-        return self.world.on_host()
 
     def fit(self, dtype: np.dtype, wanted: int) -> int:
         """Return how many items of a dtype the device holds in one buffer, `wanted` at most; see `cut_smaller`."""
@@ -306,10 +267,9 @@ class Call(MemoryLoan):
         with self.session.mapped(buffer, count, dtype, write=False) as pairs:
             return (pairs if is_sorted_there else np.sort(pairs)).astype(np.int32)
 
-    @contextmanager
     def cast(
         self, query: Query, batch: Batch, *, results_per_item: int = 1, **arguments: Any
-    ) -> Iterator[NDArray[Any]]:
+    ) -> AbstractContextManager[NDArray[Any]]:
         """Cast a batch with a kernel and give its results, which are valid inside the block.
 
         Parameters
@@ -323,8 +283,7 @@ class Call(MemoryLoan):
         """
         dtype, count = query.dtype or self.world.hit_dtype, batch.item_count * results_per_item
         results = self.launch(query, batch, results_per_item=results_per_item, **arguments)
-        with self.session.mapped(results, count, dtype, write=False) as found:
-            yield found
+        return self.session.mapped(results, count, dtype, write=False)
 
     def launch(self, query: Query, batch: Batch, *, results_per_item: int = 1, **arguments: Any) -> Any:
         """Cast a batch as `cast` does, and return the buffer of its results, which the device may still write."""
@@ -336,9 +295,3 @@ class Call(MemoryLoan):
             **self.world.arguments, **batch.arguments, **{query.results: results}, **arguments,
         )  # fmt: skip
         return results
-
-    def run_on_host(self, ray_count: int, task: Callable[[int, int], None]) -> None:
-        """Call ``task(begin, end)`` for ranges of rays, by several threads; its time counts as a kernel's."""
-        begin = time.perf_counter()
-        self.threads.for_ranges(ray_count, task, least_items=_LEAST_HOST_RAYS)
-        self.session.times.add("kernel", (time.perf_counter() - begin) * _MS_PER_S)

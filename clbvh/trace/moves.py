@@ -32,7 +32,7 @@ class Moves(ContextManager):
     _caster: Caster
     _changes_on: dict[DeviceSession, Changes]
     # Held by a move, so that two of them do not write at the same time.
-    _updating: threading.Lock
+    _updating: threading.RLock
 
     def update(self, vertices: ArrayLike) -> None:
         """Move the vertices of the mesh: the device refits the tree, or builds it anew where that pays.

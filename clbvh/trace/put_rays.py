@@ -15,19 +15,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..device.context import check_process
-from ..device.program import build_kernel
+from ..device.info import DeviceInfo
 from ..geometry.arrays import is_device_array, wait_for
-from ..structs import FAR_RADII, PACKED_RAY, RAY_LOW
+from ..structs import FAR_RADII, PACKED_RAY, RAY_LOW, STEPS
 from ..support.say_once import say_once
-from .host.walk import mean_steps
-from .launch import Batch, Call, Caster, is_device_forced
+from .launch import Batch, Call, Caster, Query
 from .rays.batch import Broadcast, DeviceRays, RayBatch, RayRows, read_vectors
 from .rays.pack import ALL_VISIBLE, NEAR_SHARE, explain_bad_ray, find_shared_low, pack_rays
 from .rays.pieces import CHUNK_RAYS, MOST_SAMPLED_BYTES, Progress, RayPiece, cut_points, cut_rays
 from .world.starts import AT_THE_ROOT, TILE_KERNEL, find_entry_points
 from .world.tree_box import TreeBox
 from .world.world import World
+
+COUNT_STEPS = Query("count_steps", "steps", STEPS)
 
 # Room for the rounding of the distance that is compared with the radius.
 _ROUNDING_ROOM = 1 - 2.0**-10
@@ -42,8 +42,9 @@ def put_vectors(
     finds pictures: for a million rays at the dragon, kernels take 0.9 of the time for a picture, and 1.8 to 2.0 times
     as long for the same rays in mixed order (PoCL 3.0, two cores). Other reasons are said once.
     """
-    check_process()
     session, vectors = device.session, (origins, directions)
+    if host_packs(session.info):
+        return None
     given = [each for each in vectors if is_device_array(each)]
     session.finish()
     for each in given:
@@ -57,8 +58,6 @@ def put_vectors(
         reason = "their context is not that of the tracer's first device, `tracer.context`"
     elif are_refined and device.world.has_spheres:
         reason = "hits on spheres are computed there"
-    elif session.info.kind == "cpu" and not is_device_forced():
-        return None
     if reason:
         say_once(f"rays or hits in arrays on a device go by way of the host: {reason}")
         return None
@@ -67,6 +66,11 @@ def put_vectors(
         for each, name in zip(vectors, ("origins", "directions"), strict=True)
     )
     return tuple(each if is_device_array(each) else session.make_array(each.shape, each.dtype, each) for each in read)
+
+
+def host_packs(info: DeviceInfo) -> bool:
+    """Return whether rays in arrays on a device are packed by the host nevertheless; see `put_vectors`."""
+    return info.kind == "cpu"
 
 
 def cut_batch(
@@ -83,14 +87,16 @@ def cut_batch(
     return cut_rays(
         batch, world.box, call.order_by_keys, shape=shape, tile_rows=call.session.settings.tile[1],
         finds_pictures=world.has_entry_points, chunk_limit=call.fit(PACKED_RAY, CHUNK_RAYS), most_rays=most_rays,
-        part=part, count_steps=partial(_count_steps, world) if is_small else None, progress=progress,
+        part=part, count_steps=partial(_count_steps, call) if is_small else None, progress=progress,
     )  # fmt: skip
 
 
-def _count_steps(world: World, batch: RayBatch) -> float:
-    """Return the steps of a ray, see `pieces.cut_rays`; infinity where the host does not see the tree, as on GPUs."""
-    tree = world.on_host()
-    return math.inf if tree is None else mean_steps(tree, world.box, batch)
+def _count_steps(call: Call, batch: RayBatch) -> float:
+    """Return the steps of a ray, see `pieces.cut_rays`; infinity where it takes long to ask, as on GPUs."""
+    if not call.session.info.is_host:
+        return math.inf
+    with call.cast(COUNT_STEPS, put_rays(call, batch, RayPiece(0, batch.ray_count))) as steps:
+        return float(steps["node_steps"].mean() + steps["leaf_visits"].mean())
 
 
 def put_rays(call: Call, batch: RayBatch | DeviceRays, piece: RayPiece, *, in_ray_order: bool = True) -> Batch:
@@ -137,8 +143,8 @@ def _put_arrays(call: Call, rays: DeviceRays, piece: RayPiece) -> dict[str, Any]
     axes, limits = rays.axes(piece.begin), (rays.t_min, rays.t_max)
     t_mins, t_maxs = (each.part(piece.begin, piece.end, np.dtype(np.float64)) for each in limits)
     return {
-        "origins": rays.origins.base_data,
-        "directions": rays.directions.base_data,
+        "origins": call.session.memory_of(rays.origins),
+        "directions": call.session.memory_of(rays.directions),
         "doubles": np.int32((rays.origins.dtype.itemsize == 8) + 2 * (rays.directions.dtype.itemsize == 8)),
         "axes": call.put("axes", axes),
         "axis_count": np.int32(len(axes) - 2),
@@ -159,7 +165,7 @@ def _pack_on_device(call: Call, rays: DeviceRays, piece: RayPiece, arrays: dict[
     masks = (rays.mask or every).part(piece.begin, piece.end, np.dtype(np.uint32))
     bad = np.array([count], np.int32)
     bad_buffer = call.put("bad", bad)
-    kernel = build_kernel(session, "pack_rays", {"EXACT": 1} if world.is_exact else {})
+    kernel = session.kernel("pack_rays", {"EXACT": 1} if world.is_exact else {})
     session.run(
         kernel, (count,), (session.settings.work_group_size,), **arrays,
         box=call.put("box", np.array([*world.box.centre, *world.box.half, world.box.scale])),

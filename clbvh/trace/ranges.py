@@ -15,7 +15,6 @@ from queue import SimpleQueue
 from threading import Lock, Thread
 from typing import TypeVar
 
-from ..device.context import check_process
 from ..device.session import DeviceSession
 from ..errors import DeviceError, DeviceMemoryError, DeviceWarning, KernelBuildError, shorten_message
 from ..support.host_threads import side_by_side
@@ -140,7 +139,6 @@ def cast_ranges(
     if len(devices) == 1:
         _run_while_it_fits(devices[0], lambda call: cast(call, range(count), progress))
         return
-    check_process()
     is_small = count < _LEAST_RANGES * least
     ranges = Ranges(count, len(devices), least, 1 if is_small else find_step())
     is_done = False
@@ -181,6 +179,8 @@ def _cast_side_by_side(devices: Sequence[Caster], cast: CastRange, ranges: Range
             if progress is not None and sum(done.values()) > shown:
                 shown = sum(done.values())
                 progress(shown, ranges.count)
+                for each in devices:  # a child that was forked there has no threads
+                    each.session.check_process()
     except BaseException:
         ranges.is_stopped = True
         raise

@@ -13,9 +13,9 @@ from types import TracebackType
 from typing import Any, Self
 from weakref import ref
 
-from ..device.context import check_process, is_inherited
 from ..device.session import DeviceSession, ReusableBuffer
 from ..errors import DeviceMemoryError, QueryError
+from ..support.forks import make_lock, renew_in_child
 
 # Memory of calls that have ended is kept for later ones: that of one call, whatever its size, and that of others up to
 # these bounds. Many threads at once do not leave the memory of all behind.
@@ -88,12 +88,12 @@ class RunningCalls:
     def __init__(self, tree_session: DeviceSession, owner: str = "tracer") -> None:
         self._tree_session = tree_session
         self._owner = owner
-        # Reentrant: `end` releases everything while it holds the lock.
-        self._lock = threading.RLock()
+        self._lock = make_lock()
         self.is_closed = False
         self._idle: list[CallMemory] = []
         self._loans: dict[int, _Loan] = {}  # by the identity of the call
         self._closing: set[int] = set()  # threads that wait in `close`
+        renew_in_child(self)
 
     def begin(self, call: object) -> CallMemory:
         """Let a call begin, and lend it memory; `end` takes it back, also after an error here.
@@ -105,7 +105,7 @@ class RunningCalls:
         DeviceError
             This process was forked from one that has used OpenCL, or the driver refuses.
         """
-        check_process()
+        self._tree_session.check_process()
         with self._lock:
             if self.is_closed or self._tree_session.is_closed:
                 raise QueryError(f"the {self._owner} is closed: its tree is no longer on the device")
@@ -125,8 +125,6 @@ class RunningCalls:
         gives_up_memory : bool
             Whether the device gets the memory back: the call has left commands behind that use it, or it did not fit.
         """
-        if is_inherited():
-            return
         with self._lock:
             loan = self._loans.pop(id(call), None)
             memory = None if loan is None else loan.memory
@@ -141,11 +139,8 @@ class RunningCalls:
     def close(self) -> None:
         """Refuse new calls, wait until those of other threads have ended, and give the device's memory back.
 
-        A call whose progress function closes the tracer keeps its memory until it ends, and nobody waits for it. In a
-        forked child nothing happens.
+        A call whose progress function closes the tracer keeps its memory until it ends, and nobody waits for it.
         """
-        if is_inherited():
-            return
         self.is_closed = True
         self._closing.add(threading.get_ident())
         try:
@@ -160,6 +155,12 @@ class RunningCalls:
         with self._lock:
             while self._idle:
                 self._idle.pop().release()
+
+    def start_anew(self) -> None:
+        """End the calls of threads that a forked child does not have."""
+        own = threading.get_ident()
+        self._loans = {key: loan for key, loan in self._loans.items() if loan.thread_id == own}
+        self._closing &= {own}
 
     def _drop_lost_loans(self) -> None:
         """End the calls that Ctrl-C has kept from ending: nobody refers to them any more."""

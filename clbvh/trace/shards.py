@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import os
-import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -21,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..device.info import DeviceInfo
+from ..device.open import open_device
 from ..device.session import DeviceSession
 from ..errors import ConfigError, QueryError
 from ..geometry import Mesh
@@ -29,13 +29,13 @@ from ..scene.scene import Scene
 from ..structs import HIT, NO_PRIM, PACKED_RAY
 from ..support.compiled import compiled
 from ..support.context_manager import ContextManager
+from ..support.forks import make_lock
 from ..support.host_threads import HostThreads
 from .hits.all_hits import OFFSET_BITS, OFFSET_MASK, find_crossings, keep_order, refine_rays, running_sums
 from .hits.closest import CLOSEST_HIT, NO_LIMIT, count_hits
 from .hits.hits import AllHits, Hits
 from .hits.refine import LEAST_HITS, RefinedHits, refine_closest
 from .hits.surface import Surface
-from .host.lanes import make_host_ray
 from .launch import Call, Caster, Query
 from .points.pack import FAR_SHARE, pack_points, take_points
 from .points.queries import POINT_BYTES, Search, SeenPoints, cut_pieces
@@ -163,9 +163,9 @@ class ShardedTracer(ContextManager):
         nothing = np.array([[np.inf] * 3, [-np.inf] * 3], np.float32)
         boxes = [nothing if shard.box is None else shard.box for shard in self.shards]
         self._boxes = np.array(boxes, np.float32).reshape(-1, 2, 3)
-        self._session, self._layout, self._quality = DeviceSession(device), layout, quality
+        self._session, self._layout, self._quality = open_device(device), layout, quality
         self._opened: _Opened | None = None
-        self._lock, self._threads = threading.Lock(), HostThreads()
+        self._lock, self._threads = make_lock(), HostThreads()
 
     @property
     def device(self) -> DeviceInfo:
@@ -211,7 +211,8 @@ class ShardedTracer(ContextManager):
         hits = RefinedHits.make(count)
         hits.t[:], hits.u[:], hits.v[:], hits.is_front[:], hits.prim_id[:] = np.inf, 0.0, 0.0, False, NO_PRIM
         device_t = np.full(count, np.inf, np.float32)
-        self._visit(batch, _compare_rays, device_t, partial(_cast_closest, device_t=device_t, hits=hits))
+        compare, visit = partial(_compare_rays, self._session), partial(_cast_closest, device_t=device_t, hits=hits)
+        self._visit(batch, compare, device_t, visit)
         return hits.as_hits(shape, ShardedSurface(self.shards))
 
     def closest_prim(
@@ -275,7 +276,7 @@ class ShardedTracer(ContextManager):
             counts[rays] += np.minimum(found, most - counts[rays])
             limits[rays[counts[rays] == most]] = -np.inf
 
-        self._visit(batch, _compare_rays, limits, count)
+        self._visit(batch, partial(_compare_rays, self._session), limits, count)
         return counts.reshape(shape)
 
     def all_hits(
@@ -303,7 +304,7 @@ class ShardedTracer(ContextManager):
         batch, _ = read_rays(origins, directions, t_min, t_max)
         limits = np.full(batch.ray_count, np.inf, np.float32)
         parts = [(np.empty(0, np.int64), np.empty(0, np.float32), RefinedHits.make(0))]
-        self._visit(batch, _compare_rays, limits, partial(_cross, limit=limit, parts=parts))
+        self._visit(batch, partial(_compare_rays, self._session), limits, partial(_cross, limit=limit, parts=parts))
         rays, device_t = (np.concatenate([part[lane] for part in parts]) for lane in range(2))
         hits = RefinedHits(*map(np.concatenate, zip(*(found for _, _, found in parts), strict=True)))
         # In the order of the device, in which equal t are in the order of the faces.
@@ -469,35 +470,23 @@ _NO_IDS = np.empty(0, np.int32)
 
 
 def _compare_rays(
-    box: TreeBox, batch: RayBatch, begin: int, end: int, boxes: NDArray[np.float32], limits: NDArray[np.float32],
-    bits: NDArray[np.uint8], sums: NDArray[np.float64],
+    session: DeviceSession, box: TreeBox, batch: RayBatch, begin: int, end: int, boxes: NDArray[np.float32],
+    limits: NDArray[np.float32], bits: NDArray[np.uint8], sums: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Write which boxes rays may meet, a bit for each; and add up where they enter them, and how many do."""
-    packed = np.empty(end - begin, PACKED_RAY)
+    packed, entries = np.empty(end - begin, PACKED_RAY), np.empty((end - begin, len(boxes)), np.float32)
     pack_rays(batch, batch.part(begin, end), box, packed, first_ray=begin)
     np.minimum(packed["t_max"], limits, out=packed["t_max"])
-    _meet_boxes(packed, boxes, bits, sums)
-
-
-@compiled(error_model="numpy")
-def _meet_boxes(packed, boxes, bits, sums):
-    """Compare rays with boxes, with the padding of cl/boxes/padding.cl."""
-    for row in range(len(packed)):
-        origin, direction = packed[row].origin, packed[row].direction
-        ray = make_host_ray((origin[0], origin[1], origin[2]), (direction[0], direction[1], direction[2]))
-        for number in range(len(boxes)):
-            t_near, t_far = packed[row].t_min, packed[row].t_max
-            for axis in range(3):
-                inverse = ray.inverse[axis]
-                ahead = 1 if inverse < 0.0 else 0
-                near = (boxes[number, ahead, axis] - ray.near_origin[axis]) * inverse
-                far = (boxes[number, 1 - ahead, axis] - ray.far_origin[axis]) * inverse
-                t_near = near if near > t_near else t_near
-                t_far = far if far < t_far else t_far
-            if t_near <= t_far:
-                bits[row, number >> 3] |= 1 << (number & 7)
-                sums[number, 0] += t_near
-                sums[number, 1] += 1.0
+    with session.branch() as own:
+        written = own.allocate(entries.nbytes)
+        own.run(
+            own.kernel("meet_boxes"), (len(packed),), (own.settings.work_group_size,), rays=own.upload(packed),
+            ray_count=np.int32(len(packed)), boxes=own.upload(boxes), box_count=np.int32(len(boxes)), entries=written,
+        )  # fmt: skip
+        own.download(written, entries)
+    is_met = entries < np.inf
+    bits[:] = np.packbits(is_met, axis=1, bitorder="little")
+    sums[:, 0], sums[:, 1] = np.where(is_met, entries, 0.0).sum(axis=0), is_met.sum(axis=0)
 
 
 def _compare_points(

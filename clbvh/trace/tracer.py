@@ -7,21 +7,21 @@ of their own.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from ..bvh import Bvh
-from ..device.context import EventTimes, check_process
 from ..device.info import DeviceInfo
 from ..device.select import choose_devices
+from ..device.times import CommandTimes
 from ..errors import QueryError
 from ..geometry import Mesh, MeshLike
 from ..geometry.as_mesh import HasGraph
 from ..layouts.device_mesh import open_session, take_mesh
 from ..scene.scene import Scene
 from ..scene.state import SceneState
+from ..support.forks import make_lock
 from ..support.opened import digest_of, open_once
 from .clearance.walk import HostTrees
 from .launch import Caster
@@ -73,8 +73,8 @@ class Opening(NamedTuple):
 class Tracer(RayQueries, PointQueries, PairQueries):
     """Casts rays at one mesh or scene on one device, or on several; a context manager.
 
-    Any number of threads may use one tracer. A child that was forked cannot: its queries raise `DeviceError`, and
-    closing the tracer there changes nothing.
+    Any number of threads may use one tracer, and so may forked children on the host. On a device of OpenCL they cannot:
+    their queries raise `DeviceError`, and closing the tracer there changes nothing.
 
     Tracers pickle as their present source, the device as it was asked for, layout and quality, and open again where
     they arrive, once in each process.
@@ -87,9 +87,9 @@ class Tracer(RayQueries, PointQueries, PairQueries):
         `pyopencl.array.Array`, float32 or float64, and int32: with the quality ``"fast"`` they stay on their device,
         where the tracer then is; see `clbvh.build`.
     device : DeviceInfo, str, int, pyopencl.Device or None, or a sequence of them
-        The device: a number, part of its name, ``"gpu"`` or ``"cpu"``; by default a GPU, if there is one. ``"all"``
-        stands for all GPUs, under one driver each; a CPU beside them is left to the work on the host. Without a GPU it
-        stands for the accelerators, without these for the CPU, under its preferred driver. Name others in a list.
+        The device: a number, part of its name, ``"gpu"`` or ``"host"``; by default a GPU, if there is one, or else the
+        host. ``"all"`` stands for all GPUs, under one driver each; the host has its own work beside them. Without a GPU
+        it stands for the accelerators, without these for the host. Name others in a list.
     layout : str
         ``"auto"``, ``"bvh2"``, ``"bvh4"`` or ``"bvh8"``.
     quality : str
@@ -158,7 +158,7 @@ class Tracer(RayQueries, PointQueries, PairQueries):
         tree = opening.tree or opening.quality
         self._caster, self._opening = caster, opening
         self._changes_on = {each.session: Changes(opening.scene, opening.state, tree) for each in caster.all}
-        self._updating = threading.Lock()
+        self._updating = make_lock()
         self._host_trees = HostTrees()
 
     @property
@@ -175,7 +175,7 @@ class Tracer(RayQueries, PointQueries, PairQueries):
     def context(self) -> Any:
         """The `pyopencl.Context` of the tracer: arrays in it need not leave the device, see `update`.
 
-        Of several devices, that of the first one.
+        Of several devices, that of the first one; None of the host.
         """
         return self._caster.working[0].session.context
 
@@ -183,7 +183,7 @@ class Tracer(RayQueries, PointQueries, PairQueries):
     def queue(self) -> Any:
         """A `pyopencl.CommandQueue` in `context`, which runs its commands one after the other.
 
-        A query of arrays on the device waits for it, and the hits that it leaves there are complete.
+        A query of arrays on the device waits for it, and the hits that it leaves there are complete. None on the host.
         """
         return self._caster.working[0].session.queue
 
@@ -200,10 +200,7 @@ class Tracer(RayQueries, PointQueries, PairQueries):
 
     @property
     def timings_ms(self) -> dict[str, float]:
-        """Milliseconds on the device so far, in all threads: upload, kernel, download; of several, their sum.
-
-        Few rays that the host casts itself count as kernels.
-        """
+        """Milliseconds on the device so far, in all threads: upload, kernel, download; of several, their sum."""
         sums = [each.session.times.sums_ms() for each in self._caster.all]
         return {label: sum(own.get(label, 0.0) for own in sums) for each in sums for label in each}
 
@@ -249,7 +246,7 @@ class Tracer(RayQueries, PointQueries, PairQueries):
         opening = opening._replace(scene=scene._at(opening.state))
         first, *others = (Caster(each.session.branch(), each.world) for each in self._caster.working)
         for each in (first, *others):
-            each.session.times = EventTimes()
+            each.session.times = CommandTimes()
         twin._start(first.beside(others), opening)
         for each in twin._caster.all:
             twin._changes_on[each.session].share(each.world)
@@ -275,7 +272,6 @@ def _plan_trees(state: SceneState, quality: str) -> Sequence[Bvh | BuildOptions]
 
 def _reopen(key: str, scene: Scene, tree: Bvh | None, device: Any, layout: str, quality: str) -> Tracer:
     """Return a tracer that was pickled: its world is opened once in this process."""
-    check_process()  # a thread that a forked child does not have may hold the lock
 
     def open_anew() -> Tracer:
         state = scene.snapshot()

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from clbvh import Mesh, Scene, build
+from clbvh.device.open import open_device
 from clbvh.device.session import DeviceSession
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.check.intersections import Rays
@@ -170,7 +171,7 @@ def check_geometry(session: DeviceSession, seed: int) -> int:
 
 @cache
 def _open_device():
-    return DeviceSession()
+    return open_device()
 
 
 def _read(content, folder):

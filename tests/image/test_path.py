@@ -257,7 +257,8 @@ def test_light_that_nobody_has_chosen_is_that_of_studio():
         np.testing.assert_array_equal(picture.rgb, clbvh.render(**chosen).rgb)
 
 
-def test_the_weekend_looks_as_it_did(compare_with_reference):
+@pytest.mark.on_both
+def test_the_weekend_looks_as_it_did(session, compare_with_reference):
     scene, view = clbvh.open_scene("weekend")
     compare_with_reference("weekend", clbvh.render(scene, view, samples=16, width=96, height=54).rgb)
 

@@ -59,7 +59,7 @@ def still_life():
 
 
 @pytest.fixture(scope="module", params=["knot", "scene"])
-def renderer(request):
+def renderer(request, _opened_device):
     with Renderer(KNOT if request.param == "knot" else still_life(), VIEW) as opened:
         opened.kind = request.param
         yield opened
@@ -74,6 +74,7 @@ def same_picture(one, other):
     return (one.rgb == other.rgb).all() and (one.found == other.found).all() and one.camera == other.camera
 
 
+@pytest.mark.on_both
 @pytest.mark.parametrize("shading", REPORT_SHADINGS)
 def test_each_shading_looks_as_it_did(renderer, shading, compare_with_reference):
     picture = renderer.render(shading=shading)
@@ -157,7 +158,8 @@ def show(source, side=1, **settings):
         return renderer.render(keeps_film=True)
 
 
-def test_studio_looks_as_it_did_whatever_the_bands_and_launches(compare_with_reference, monkeypatch):
+@pytest.mark.on_both
+def test_studio_looks_as_it_did_whatever_the_bands_and_launches(session, compare_with_reference, monkeypatch):
     compare_with_reference("knot-studio", clbvh.render(KNOT, VIEW).rgb)
     rows = [{"shading": "ao", "samples": 7}, {"samples": 7, "seed": 0}]
     wholes = [clbvh.render(KNOT, VIEW, **row).rgb for row in rows]
@@ -172,7 +174,8 @@ def test_studio_looks_as_it_did_whatever_the_bands_and_launches(compare_with_ref
             assert np.array_equal(renderer.render(launch_s=0.0, **row).rgb, whole)
 
 
-def test_ambient_occlusion_looks_as_it_did_and_is_white_in_the_open_and_black_in_a_box(compare_with_reference):
+@pytest.mark.on_both
+def test_ambient_occlusion_looks_as_it_did_and_is_white_in_the_open_and_black_in_a_box(session, compare_with_reference):
     compare_with_reference("knot-ao", clbvh.render(KNOT, VIEW, shading="ao").rgb)
     assert (show(make_square(), shading="ao").rgb[1:-1, 1:-1] == 255).all()
     # The reach of occlusion is a share of the scene's size, which a far triangle makes large.
@@ -217,8 +220,9 @@ def test_colours_are_stored_as_they_were_given():
     assert (rgb[[5, 5, 15, 15], [5, 15, 5, 15]] == corners.reshape(4, 3)).all()
 
 
+@pytest.mark.on_both
 @pytest.mark.parametrize("shading", ["studio", "path", "albedo"])
-def test_texels_that_are_squares_look_like_squares(shading):
+def test_texels_that_are_squares_look_like_squares(session, shading):
     rng = np.random.default_rng(0)
     few = rng.integers(256, size=(4, 4, 3), dtype=np.uint8)
     films = []

@@ -43,7 +43,8 @@ def test_pictures_are_those_of_render_and_leave_nothing_to_the_next(renderer):
 def test_a_turn_keeps_device_tree_kernels_and_buffers(renderer, monkeypatch):
     renderer.render()
     made = []
-    for owner, name in ((DeviceSession, "allocate"), (DeviceSession, "_open"), (program, "_compile")):
+    session = type(renderer._shown.frames.caster.session)
+    for owner, name in ((session, "allocate"), (DeviceSession, "__init__"), (program, "_compile")):
         monkeypatch.setattr(owner, name, lambda *_, **__: made.append(1))
     assert all(renderer.render(camera=camera).hits.count > 500 for camera in renderer.turntable(8))
     assert made == []
@@ -70,9 +71,9 @@ def test_a_renderer_has_the_objects_of_its_beginning():
         renderer.render()
 
 
-def test_a_failure_gives_the_devices_memory_back(monkeypatch):
-    closed, close = [], DeviceSession.close
-    monkeypatch.setattr(DeviceSession, "close", lambda self: closed.append(self) or close(self))
+def test_a_failure_gives_the_devices_memory_back(session, monkeypatch):
+    closed, close = [], type(session).close
+    monkeypatch.setattr(type(session), "close", lambda self: closed.append(self) or close(self))
 
     def fail(*_, **__):
         raise SceneError("broken")
@@ -111,4 +112,4 @@ def test_closing_waits_for_pictures_of_other_threads():
         opened.close()
 
     run_in_threads(draw, draw, close)
-    assert opened._shown.frames.caster.session._buffers == set()
+    assert opened._shown.frames.caster.session.buffer_count == 0

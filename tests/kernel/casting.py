@@ -4,7 +4,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from clbvh.structs import HIT, LAYOUT_WIDTHS, NO_PRIM, WIDE_NODES
+from clbvh.structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, NO_PRIM, WIDE_NODES
 from clbvh.trace.world.starts import TILE_KERNEL, find_entry_points
 
 from ..worlds import mesh_on_device
@@ -13,8 +13,7 @@ from .programs import build_text, make_rays
 FLAT_TILE = (64, 1)
 
 # The kernels that cast rays, in one program: a test compiles all of them at once.
-KERNELS = ("any_hit", "closest_hit", "count_hits", "first_hits", TILE_KERNEL)
-SOURCE = "\n".join(f'#include "kernels/{name}.cl"' for name in KERNELS)
+KERNELS = ("any_hit", "closest_hit", "count_hits", "first_hits")
 
 NO_LIMIT = np.iinfo(np.int32).max
 
@@ -119,4 +118,6 @@ class Caster:
     def _kernel(self, name):
         stack_size = max(STACK_SIZE, self._world.defines["STACK_SIZE"])
         defines = self._world.defines | {"STACK_SIZE": stack_size}
-        return build_text(self._session, SOURCE, tuple(sorted(defines.items())))[name]
+        names = (*KERNELS, TILE_KERNEL) if self._world.layout in ENTRY_POINT_LAYOUTS else KERNELS
+        source = "\n".join(f'#include "kernels/{name}.cl"' for name in names)
+        return build_text(self._session, source, tuple(sorted(defines.items())))[name]

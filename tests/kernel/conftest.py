@@ -1,4 +1,4 @@
-"""Functions of `cl/` on the default device."""
+"""Functions of `cl/` on both devices."""
 
 from functools import partial
 
@@ -9,5 +9,5 @@ from . import programs
 
 @pytest.fixture(scope="session")
 def call(_opened_device):
-    """The function `programs.call` on the default device."""
+    """The function `programs.call` on the device."""
     return partial(programs.call, _opened_device)

@@ -7,7 +7,6 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from clbvh.device.program import build_kernels
 from clbvh.structs import DEVICE_STRUCTS, LAYOUTS, PACKED_RAY, TRIANGLE
 
 NUMBERS = {"float": np.dtype("f4"), "int": np.dtype("i4"), "uint": np.dtype("u4"), "uchar": np.dtype("u1")}
@@ -41,7 +40,7 @@ def build_text(session, text, defines):
         path = Path(root) / "tests" / "kernels" / "text.cl"
         path.parent.mkdir(parents=True)
         path.write_text(text, encoding="utf-8")
-        return build_kernels(session, "text", dict(defines), folder=path.parents[1])
+        return session.kernels("text", dict(defines), folder=path.parents[1])
 
 
 def call(session, includes, body, outputs, *, tables=None, layout="brute", defines=None, **rows):
@@ -105,8 +104,9 @@ def _declare(name, array, *, is_output=False):
     if shape == () and (kind in NUMBERS or is_output):
         return argument, f"{const}{kind} {name} = all_{name}[i];", f"all_{name}[i] = {name};"
     if len(shape) == 1 and shape[0] in VECTORS and kind in NUMBERS:
-        load = f"{const}{kind}{shape[0]} {name} = vload{shape[0]}(i, all_{name});"
-        return argument, load, f"vstore{shape[0]}({name}, i, all_{name});"
+        places = [f"all_{name}[{shape[0]} * i + {index}]" for index in range(shape[0])]
+        load = f"{const}{kind}{shape[0]} {name} = ({kind}{shape[0]})({', '.join(places)});"
+        return argument, load, " ".join(f"{place} = {name}.s{index};" for index, place in enumerate(places))
     return argument, f"{const}global {kind} *{name} = all_{name} + {np.prod(shape, dtype=int)} * i;", ""
 
 

@@ -8,6 +8,8 @@ from clbvh.structs import ENTRY_POINT_LAYOUTS
 from .boxes import BEAM_RAYS, LANES, UNBOUNDED, WAYS, clip, grow, meet, meet_alone, meet_by_beam, pad
 from .programs import make_rays
 
+pytestmark = pytest.mark.on_both
+
 COUNT = 40_000
 
 

@@ -12,6 +12,8 @@ from clbvh.rendering.environment_map import find_axes, make_environment_tables
 from clbvh.rendering.look_tables import TextureTables
 from clbvh.structs import VIEW
 
+pytestmark = pytest.mark.on_both
+
 GRID = 256
 COSINES = (1.0, 0.8, 0.3, 0.05)
 MATERIAL = {"base_colour": (1, 1, 1), "metallic": 0, "roughness": 0.5, "ior": 1.5, "transmission": 0, "back": 0}

@@ -10,6 +10,8 @@ from clbvh.trace.world.surface_arrays import make_surface_arrays
 
 from ..unit.trace.scene_distances import distance_to_ellipsoid
 
+pytestmark = pytest.mark.on_both
+
 COUNT = 24_000
 ROUNDING = 2.0**-24
 

@@ -5,9 +5,11 @@ from itertools import product
 import numpy as np
 import pytest
 
-from clbvh.device.program import expand_source
+from clbvh.device.sources import expand_source
 from clbvh.structs import DEVICE_STRUCTS, ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS
 from clbvh.support.folders import find_folder
+
+pytestmark = pytest.mark.on_both
 
 
 def test_products_are_rounded_before_they_are_added(call):

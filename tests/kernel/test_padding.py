@@ -18,6 +18,8 @@ from .programs import make_rays, make_triangles
 from .test_spheres import cross_spheres, make_records
 from .test_triangles import cross_triangles
 
+pytestmark = pytest.mark.on_both
+
 COUNT = 60_000
 UNIT_ROUNDOFF = 2.0**-24
 

@@ -9,6 +9,8 @@ from clbvh.rendering.kernel_view import make_kernel_view
 from ..rays import AXES
 from .programs import make_rays
 
+pytestmark = pytest.mark.on_both
+
 WIDTH, HEIGHT = 90, 60
 ROUNDING = 2.0**-24
 POINTS = 2000

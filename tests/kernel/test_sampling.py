@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.on_both
+
 # Numbers of a sampler that are drawn: sample_2d, sample_1d, sample_2d, sample_1d.
 DRAW = """
     sobol_sampler_t sampler = make_sampler(begin.x, begin.y, begin.z);

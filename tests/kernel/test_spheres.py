@@ -10,6 +10,8 @@ from ..rays import as_float32
 from ..spheres import make_spheres
 from .programs import make_rays
 
+pytestmark = pytest.mark.on_both
+
 COUNT = 40_000
 UNIT_ROUNDOFF = 2.0**-24
 ENTERS, LEAVES = 0, 1

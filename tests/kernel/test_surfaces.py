@@ -8,6 +8,8 @@ from clbvh.structs import INSTANCE, SPHERE
 from ..rays import as_float32
 from .programs import make_rays, make_triangles
 
+pytestmark = pytest.mark.on_both
+
 COUNT = 20_000
 ROUNDING = 2.0**-24
 

@@ -18,6 +18,8 @@ from ..worlds import arrays_of, open_mesh
 from .casting import STACK_SIZE, open_caster
 from .programs import make_rays
 
+pytestmark = pytest.mark.on_both
+
 QUERIES = ("closest_hit", "any_hit", "count_hits", "all_hits")
 FEW_HITS = 3
 
@@ -191,6 +193,7 @@ def ask(tracer, rays):
     return [part.tobytes() for part in (hits.t, hits.prim_id, tracer.any_hit(*rays), light)]
 
 
+@pytest.mark.on_opencl
 @pytest.mark.parametrize("layout", ["bvh2", "bvh8"])
 def test_what_only_gpus_do_changes_no_hit(source, rays, open_tracer, monkeypatch, layout):
     expected = ask(open_tracer(source, layout=layout), rays)

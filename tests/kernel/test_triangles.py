@@ -10,6 +10,8 @@ from clbvh.structs import NO_PRIM
 from ..rays import aim, as_float32
 from .programs import make_rays, make_triangles
 
+pytestmark = pytest.mark.on_both
+
 CROSS = """
     const ray_t unpacked = unpack_ray(ray);
     search_t search = make_search(1, 0);

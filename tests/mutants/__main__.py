@@ -6,6 +6,8 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 
+from clbvh.device.host.library import open_library
+
 from .laboratory import FAILED, PASSED, Laboratory
 from .table import ROOT, Mutant, read_mutants
 
@@ -27,6 +29,7 @@ def main() -> int:
         if not options.only or {mutant.name, mutant.name.split("-")[0]} & set(options.only)
     ]
     began = time.perf_counter()
+    open_library()  # compiled here where it does not fit, and not in every copy
     laboratories: queue.SimpleQueue[Laboratory] = queue.SimpleQueue()
     for number in range(options.jobs):
         laboratories.put(Laboratory(_OUT / f"copy-{number}", _OUT / "compiled"))

@@ -2,7 +2,8 @@
 
 Machine code is shared as far as a fault leaves it right. numba's cache looks at the file of a function alone, so
 `clbvh/support/compiled.py` begins a new folder whenever any source changes, and all would be compiled again. Here the
-new folder begins with the code of every module that does not import the changed one, directly or through others.
+new folder begins with the code of every module that does not import the changed one, directly or through others. The
+kernels of the host are compiled when a test asks for them, where one of their files has the fault.
 """
 
 import ast
@@ -13,6 +14,7 @@ import sys
 from functools import cache
 from pathlib import Path
 
+from clbvh.device.host.library import ON_DEMAND_VARIABLE
 from clbvh.support.compiled import digest_sources
 
 from .table import ROOT, Mutant
@@ -50,7 +52,7 @@ class Laboratory:
         try:
             if (code := self._code_folder()) != original:
                 _seed(original, code, importers(mutant.file))
-            return self._run(tests)
+            return self._run(tests, of_kernels=mutant.file.startswith("cl/"))
         finally:
             _update(ROOT / mutant.file, self.folder / mutant.file)
             if code != original:
@@ -59,9 +61,11 @@ class Laboratory:
     def _code_folder(self) -> Path:
         return self._machine_code / digest_sources(self.folder / "clbvh")
 
-    def _run(self, tests: tuple[str, ...]) -> tuple[str, str]:
+    def _run(self, tests: tuple[str, ...], *, of_kernels: bool = False) -> tuple[str, str]:
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
         environment = os.environ | {"PYTHONPATH": str(self.folder), "NUMBA_CACHE_DIR": str(self._machine_code)}
+        if of_kernels:
+            environment[ON_DEMAND_VARIABLE] = "1"
         try:
             done = subprocess.run(
                 command, cwd=self.folder, env=environment, text=True, timeout=_LIMIT_S,

@@ -1,6 +1,7 @@
 """A process that has used everything, and children that it forks: a script, since a test must not fork pytest.
 
-Prints one JSON object: how each child ended, by name.
+It uses the device of the environment. Prints one JSON object: how each child ended, by name, and on the host under
+"expected" what the parent got for the same work.
 """
 
 import gc
@@ -19,6 +20,7 @@ import trimesh
 import clbvh
 from clbvh.integrations.trimesh import RayMeshIntersector
 from clbvh.support.host_threads import HostThreads
+from clbvh.trace import ranges
 from clbvh.trace.rays import pieces
 
 # A child that takes longer hangs; compiling for the first time is slow.
@@ -27,8 +29,14 @@ PATIENCE_S = 100.0
 # Exit code of a child whose query was refused.
 REFUSED = 77
 
+# Exit code of a child that got other hits than its parent.
+DIFFERS = 78
+
 # More hits than one thread refines.
-MANY = 100_000
+MANY = 200_000
+
+# Forks while other threads are in queries, and how long such a child may take.
+BUSY_FORKS, BUSY_THREADS, BUSY_PATIENCE_S = 200, 4, 10.0
 
 
 class Parent:
@@ -54,7 +62,8 @@ class Parent:
         self.deform()
         self.renderer = clbvh.Renderer(self.scene, width=8, height=8)
         self.picture = self.renderer.render()
-        self.hits = self.tracer.closest_hit(*np.random.default_rng(0).normal(size=(2, MANY, 3)))
+        self.many = np.random.default_rng(0).normal(size=(2, MANY, 3))
+        self.hits = self.tracer.closest_hit(*self.many)
         self.hits.locations.sum()
         self.box.intersects_any([[0, 0, 5]], [[0, 0, -1]])
         self.threads = HostThreads(3)
@@ -75,6 +84,23 @@ class Parent:
     def query(self):
         return self.tracer.closest_hit(*self.rays).count
 
+    def differs(self, count):
+        """Return whether the first rays of many have other hits than before."""
+        hits = self.tracer.closest_hit(*self.many[:, :count])
+        return hits.t.tobytes() != self.hits.t[:count].tobytes() or (hits.prim_id != self.hits.prim_id[:count]).any()
+
+    def cast_at_once(self):
+        """Cast one ray and many, in this process and in a child at the same time; return the child's exit code."""
+        child = os.fork()
+        is_wrong = any(self.differs(count) for count in 3 * (1, MANY))
+        if child == 0:
+            os._exit(DIFFERS * is_wrong)
+        return [bool(is_wrong), wait_for(child)]
+
+    def build_fast(self):
+        bvh = clbvh.build(clbvh.make_shape("knot", triangles=30_000), quality="fast")
+        return [bvh.node_count, int(bvh.prim_ids.sum())]
+
     def move(self):
         self.moving.set_transforms(self.objects.instances, self.places)
         return self.moving.closest_hit(*self.rays).count
@@ -94,7 +120,7 @@ class Parent:
 
     def fork_in_a_query(self):
         """Fork between two pieces of a query and go on in both; return the counts in the parent and in the child."""
-        whole, child = pieces.CHUNK_RAYS, []
+        whole, child, whole_count = pieces.CHUNK_RAYS, [], self.query()
         pieces.CHUNK_RAYS = len(self.rays[0]) // 2
 
         def fork(done, of):
@@ -106,9 +132,47 @@ class Parent:
         except clbvh.errors.DeviceError:
             os._exit(REFUSED)
         if child[0] == 0:
-            os._exit(0)
+            os._exit(DIFFERS * (count != whole_count))
         pieces.CHUNK_RAYS = whole
         return [count, wait_for(child[0])]
+
+    def fork_in_a_task(self):
+        """Fork while helpers are at tasks; return the results in the parent, and the child's exit code."""
+        child, helped = [], []
+
+        def fork_or_wait(number):
+            is_own = threading.current_thread() is threading.main_thread()
+            helped.extend([] if is_own else [number])
+            while not (helped if is_own else child):
+                time.sleep(0.01)
+            if not child:
+                child.append(os.fork())
+            return number
+
+        try:
+            results = self.threads.run(fork_or_wait, [(1,), (2,), (3,)])
+        except clbvh.errors.PoolError:
+            os._exit(REFUSED)
+        if child[0] == 0:
+            os._exit(0)
+        return [results, wait_for(child[0])]
+
+    def query_two_devices(self):
+        """Fork in a query of two devices; return the child's exit code."""
+        child, ranges.LEAST_RANGE = [], 1 << 12
+
+        def fork(done, of):
+            if not child:
+                child.append(os.fork())
+
+        with clbvh.Tracer(self.bvh, device=["host", "pocl"]) as tracer:
+            try:
+                tracer.closest_hit(*self.rays, progress=fork)
+            except clbvh.errors.DeviceError:
+                os._exit(REFUSED)
+        if child[0] == 0:
+            os._exit(0)
+        return wait_for(child[0])
 
 
 def run_child(work, *, leave=os._exit):
@@ -132,9 +196,9 @@ def run_child(work, *, leave=os._exit):
     return outcome if code == 0 else f"exit code {code}, {outcome}"
 
 
-def wait_for(child):
+def wait_for(child, patience_s=PATIENCE_S):
     """Return the exit code of a child, after killing it if it takes too long."""
-    deadline = time.monotonic() + PATIENCE_S
+    deadline = time.monotonic() + patience_s
     while True:
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
@@ -144,23 +208,58 @@ def wait_for(child):
         time.sleep(0.01)
 
 
+def describe_choice(spec):
+    """Return what a child gets that asks for a device."""
+    os.environ.pop("CLBVH_DEVICE", None)
+    try:
+        return clbvh.choose_device(spec).platform
+    except clbvh.errors.DeviceError as error:
+        return str(error)
+
+
+def fork_busy(parent):
+    """Fork while other threads are in queries, and return the exit codes of the children."""
+    codes, counts = set(), (1, *[1000] * 8, MANY)
+    for number in range(BUSY_FORKS):
+        child = os.fork()
+        if child == 0:
+            os._exit(DIFFERS * parent.differs(counts[number % len(counts)]))
+        codes.add(wait_for(child, BUSY_PATIENCE_S))
+    return sorted(codes)
+
+
+def query_pool(parent):
+    """Return whether workers that were forked by a pool find other hits."""
+    global shared
+    shared = parent
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        return [bool(each) for each in pool.map(differs_in_worker, (1, 10, 1000, MANY))]
+
+
+def differs_in_worker(count):
+    return shared.differs(count)
+
+
 def main():
     """Run each child."""
     parent = Parent()
     children = {"before the first use": run_child(parent.open_and_query)}
     parent.use()
     parent.closed.close()
+    is_host = parent.tracer.device.platform == "host"
     works = {
         "query": parent.query,
         "query of few rays": lambda: parent.tracer.any_hit(*parent.rays[:, :10]).tolist(),
         "query of a closed tracer": lambda: parent.closed.any_hit(*parent.rays).sum(),
-        "points": lambda: parent.tracer.contains(parent.rays[0]),
+        "points": lambda: int(parent.tracer.contains(parent.rays[0]).sum()),
         "update": lambda: parent.tracer.update(parent.mesh.vertices),
         "set_transforms": parent.move,
         "set_vertices": parent.deform,
         "own tracer": parent.open_and_query,
         "times": lambda: parent.tracer.timings_ms,
-        "devices": lambda: [str(device) for device in clbvh.list_devices()],
+        "devices": lambda: [device.platform for device in clbvh.list_devices()],
+        "choices": lambda: [describe_choice(spec) for spec in (None, "host", "CPU", 0, "pocl", "gpu")],
+        "fast build": parent.build_fast,
         "render": lambda: clbvh.render(parent.scene, width=8, height=8).hits.count,
         "renderer": lambda: parent.renderer.render().hits.count,
         "picture of before": lambda: [parent.picture.hits.count, len(parent.picture._repr_png_()) > 0],
@@ -170,8 +269,20 @@ def main():
         "forget": parent.forget,
         "host": parent.work_on_the_host,
     }
+    if not is_host:
+        vertices = parent.tracer._caster.session.make_array(parent.mesh.vertices.shape, float, parent.mesh.vertices)
+        works["array"] = lambda: clbvh.Mesh.from_arrays(vertices, parent.mesh.faces).face_count
+        works["array of rays"] = lambda: parent.tracer.closest_hit(vertices, [0, 0, 1]).count
     for name, work in works.items():
         children[name] = run_child(work)
+    if is_host:
+        same = set(works) - {"query of a closed tracer", "devices", "choices", "pool", "close", "forget", "times"}
+        children["expected"] = {name: json.dumps(works[name]()) for name in sorted(same)}
+        children["at once"] = parent.cast_at_once()
+        children["multiprocessing pool"] = query_pool(parent)
+        children["in a task"] = parent.fork_in_a_task()
+    else:
+        children["in a query of two devices"] = parent.query_two_devices()
     children["sys.exit"] = run_child(parent.query, leave=sys.exit)
     children["forget, then sys.exit"] = run_child(parent.forget, leave=sys.exit)
     children["in a query"] = parent.fork_in_a_query()
@@ -189,11 +300,13 @@ def main():
         while not is_over.is_set():
             parent.query()
 
-    threads = [threading.Thread(target=trace) for _ in range(3)]
+    threads = [threading.Thread(target=trace) for _ in range(BUSY_THREADS)]
     for thread in threads:
         thread.start()
     children["busy"] = sorted({run_child(parent.query) for _ in range(8)})
     children["busy, close"] = sorted({run_child(parent.close) for _ in range(8)})
+    if is_host:
+        children["busy forks"] = fork_busy(parent)
     is_over.set()
     for thread in threads:
         thread.join()

@@ -53,7 +53,7 @@ def updates(seconds):
 def arrays(seconds):
     """All threads ask with the same arrays on the device, which are still being written."""
     meeting = Barrier(THREADS)
-    with clbvh.Tracer(BALL) as tracer, ThreadPoolExecutor(THREADS) as pool:
+    with clbvh.Tracer(BALL, device="pocl") as tracer, ThreadPoolExecutor(THREADS) as pool:
         expected = ask(tracer, ORIGINS, DIRECTIONS)
         end = time.monotonic() + seconds
         while time.monotonic() < end:

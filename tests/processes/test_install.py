@@ -185,7 +185,7 @@ def test_the_source_distribution_has_what_a_build_and_the_tests_need(tmp_path):
         names = {name.partition("/")[2] for name in archive.getnames()}
         archive.extractall(tmp_path / "unpacked", filter="data")
     for part in ("clbvh", "cl", "scenes", "tests", "docs", "examples", ".ci", "bench"):
-        assert {f"{name}" for name in files_of(REPOSITORY, part)} <= names
+        assert {name for name in files_of(REPOSITORY, part) if not name.startswith("clbvh/compiled/")} <= names
     assert {"README.md", "LICENSE", "CHANGELOG.md", "Makefile", "Dockerfile", "hatch_build.py"} <= names
     (unpacked,) = (tmp_path / "unpacked").iterdir()
     run_pip("wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", tmp_path, unpacked)
@@ -199,7 +199,7 @@ def test_the_image_lists_a_device_and_renders_for_any_user(tmp_path):
         pytest.skip("docker: there is no daemon that this user may talk to")
     call("docker", "build", "--tag", "clbvh-test", REPOSITORY)
     run = ["docker", "run", "--rm", "--user", "12345:12345", "--volume", f"{tmp_path}:/data", "clbvh-test"]
-    assert "Portable Computing Language" in call("docker", "run", "--rm", "clbvh-test")
+    assert " host " in call("docker", "run", "--rm", "clbvh-test")
     tmp_path.chmod(0o777)
     call(*run, "render", "demo", "-o", "out.ppm")
     assert (tmp_path / "out.ppm").read_bytes().startswith(b"P6")

@@ -4,6 +4,7 @@ See `tests/grazing.py` for the meshes and rays. The hits are the device's own: r
 """
 
 import numpy as np
+import pytest
 from hypothesis import Phase, given, strategies as st
 
 from clbvh import Mesh, build
@@ -54,6 +55,7 @@ def ask(cast, rays, limits):
     return found
 
 
+@pytest.mark.on_both
 @examples(short=24, long=500, phases=PHASES)
 @given(kind=st.sampled_from(sorted(MESHES)), tree=st.sampled_from(sorted(BUILDS)), seed=st.integers(0, 2**32 - 1))
 def test_all_layouts_and_builders_answer_alike(opened, kind, tree, seed):

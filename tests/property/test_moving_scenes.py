@@ -3,6 +3,7 @@
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from hypothesis import given, strategies as st
 
 from clbvh import Mesh, Tracer
@@ -85,6 +86,7 @@ def check(scene, moves, opened, layout):
     return sum(one.count for one in hits), changes
 
 
+@pytest.mark.on_both
 @examples(short=20, long=500)
 @given(
     scene=random_scenes(is_in_one_unit=True),

@@ -62,6 +62,7 @@ def check(scene, opened, mask):
     return np.count_nonzero(known.is_inside.any(axis=1)), known.check_insides(contains, signed, seen)
 
 
+@pytest.mark.on_both
 @examples(short=30, long=1000)
 @given(scene=random_scenes(), mask=st.sampled_from([ALL, ALL, ALL, 1, 2, 4, 0]))
 def test_layouts_and_the_oracle_agree(opened, scene, mask):

@@ -98,6 +98,7 @@ def check(scene, opened):
     return decided, answers
 
 
+@pytest.mark.on_both
 @examples(short=40, long=2000)
 @given(scene=random_scenes())
 def test_layouts_and_the_oracle_agree(opened, scene):

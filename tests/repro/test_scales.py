@@ -9,7 +9,8 @@ import pytest
 import trimesh
 
 from clbvh import Camera, Mesh, Scene, Spheres, Tracer, make_shape, render
-from clbvh.trace.launch import device_casts_all
+
+from ..packing import device_packs
 
 RATIOS = [2.0**4, 2.0**13, 1e5, 2e7, 2e8, 2.0**40]
 LAYOUTS = ["bvh2", "bvh8", "bvh8c"]
@@ -236,6 +237,7 @@ def test_start_points_were_as_far_away_as_the_whole_is_large(session):
         assert tracer.any_hit(below.offset_origins(), -below.locations).all()
 
 
+@pytest.mark.on_opencl
 def test_a_device_without_doubles_says_so_and_keeps_the_distances_of_float32(session, monkeypatch, caplog):
     monkeypatch.setenv("_CLBVH_SAID", "")
     mesh, generator = Mesh.from_arrays(*join(ball(), slope(2e7))), np.random.default_rng(SEED)
@@ -248,13 +250,14 @@ def test_a_device_without_doubles_says_so_and_keeps_the_distances_of_float32(ses
         assert not (above.prim_id == hits.prim_id[above.ray_id]).any()
 
 
+@pytest.mark.on_opencl
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_rays_in_arrays_on_the_device_are_decided_alike(session, layout):
     rays = rays_at(np.zeros(3), 1.0, 300, np.random.default_rng(SEED))
     with Tracer(Mesh.from_arrays(*join(ball(), slope(2e7))), layout=layout, device=session.info) as tracer:
         expected = tracer.closest_hit(*rays)
         there = [cl.array.to_device(tracer.queue, each) for each in rays]
-        with device_casts_all():
+        with device_packs():
             assert tracer.closest_hit(*there, out="device").prim_id.get().tolist() == expected.prim_id.tolist()
             assert tracer.count_hits(*there).tolist() == tracer.count_hits(*rays).tolist()
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from ...bvh import Bvh
 from ...device.info import DeviceInfo
-from ...device.program import build_kernels
 from ...device.radix_sort import PAIR_BYTES, sort_pairs
 from ...device.session import DeviceSession
 from ...errors import DeviceError
@@ -200,8 +199,7 @@ class _Build:
         self._root = prims.shape.prim_count - 2 if prims.shape.prim_count > 1 else ~0
         is_grouped = session.info.kind == "gpu"
         self._merge_group = CLUSTER_GROUP if is_grouped else _TILE_GROUP
-        self._kernels = build_kernels(
-            session,
+        self._kernels = session.kernels(
             "build_tree",
             {
                 "TREE_WIDTH": form.width,

@@ -6,7 +6,6 @@ properties that stand in front of them; so it does not matter when a mesh was ma
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import Any, Self
 from weakref import WeakSet
@@ -15,6 +14,7 @@ import trimesh
 from trimesh import proximity as trimesh_proximity
 
 from ...device.info import DeviceInfo
+from ...support.forks import make_lock
 from .proximity import ProximityQuery, closest_point, signed_distance
 from .ray import RayMeshIntersector
 from .thickness import longest_ray, max_tangent_sphere, thickness
@@ -192,7 +192,7 @@ def _make_ray_engine(mesh: Any, options: EngineOptions) -> RayMeshIntersector:
 
 
 # Reentrant: a context manager holds it while it installs or uninstalls.
-_lock = threading.RLock()
+_lock = make_lock()
 _originals: dict[str, Callable[..., Any]] = {}
 _ENGINES = (
     _EngineProperty("ray", _make_ray_engine),

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import gc
 import itertools
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -27,7 +26,6 @@ from numpy.typing import NDArray
 from ...builders.build import build
 from ...bvh import Bvh
 from ...bvh.bvh import sah_cost
-from ...device.context import check_process, is_inherited
 from ...device.info import DeviceInfo
 from ...errors import ConfigError, DeviceError, QueryError, SceneError
 from ...geometry import Mesh
@@ -38,6 +36,7 @@ from ...geometry.smooth_normals import VertexFaces, find_vertex_faces
 from ...scene.handles import Geometry
 from ...scene.scene import Scene
 from ...scene.transforms import check_transforms
+from ...support.forks import make_lock
 from ...trace.tracer import Tracer
 from ...trace.world.trees import check_layout
 
@@ -285,7 +284,7 @@ class FollowingTracer:
         self.open_tracer: Tracer | None = None
         self._known: Any = None  # a FollowedMesh or a FollowedScene
         self._counted_bytes = 0
-        self._lock = threading.RLock()
+        self._lock = make_lock()
 
     def cast(self, thing: Any, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
         """Run a ray query of the tracer; rays that it refuses hit nothing."""
@@ -295,7 +294,6 @@ class FollowingTracer:
         """Return `query(tracer, known)`, with a tracer of the mesh or the scene as it is now."""
         self.last_use = time.monotonic()
         while True:
-            check_process()
             with self._lock:
                 known = self._follow(thing)
                 tracer = self.open_tracer
@@ -326,14 +324,13 @@ class FollowingTracer:
 
     def close(self) -> None:
         """Give the device's and the host's memory back, after the queries of other threads."""
-        if not is_inherited():
-            with self._lock:
-                self._known = None
-                self._give_back()
+        with self._lock:
+            self._known = None
+            self._give_back()
 
     def give_way(self) -> bool:
         """Give the device's memory back, unless a thread is about to use it; return whether it did."""
-        if is_inherited() or not self._lock.acquire(blocking=False):
+        if not self._lock.acquire(blocking=False):
             return False
         try:
             return self._give_back()
@@ -376,7 +373,7 @@ def _cast_any_rays(tracer: Tracer, query: str, rays: tuple[NDArray[Any], NDArray
         return getattr(tracer, query)(origins, directions, t_max=np.where(bad, -1.0, np.inf), **more)
 
 
-_lock = threading.RLock()
+_lock = make_lock()
 _shared: WeakValueDictionary[tuple[int, EngineOptions], FollowingTracer] = WeakValueDictionary()
 
 # Tracers that live as long as a mesh, by its identity. A reference that dies is removed before the identity is free,

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from functools import partial
 
 import numpy as np
 
 from ...bvh import Bvh
-from ...layouts.device_arrays import make_device_arrays
+from ...device.host.info import describe_host
+from ...device.host.session import HostSession
+from ...geometry import Mesh
 from ...rendering.heat_map import draw_heat_map_of
-from ...support.host_threads import HostThreads, cut_range, usable_cores
-from ...trace.host.walk import cast_on_host
+from ...scene.scene import Scene
+from ...support.context_manager import ContextManager
+from ...support.host_threads import usable_cores
+from ...trace.hits.closest import find_closest_prims
+from ...trace.launch import Caster
 from ...trace.rays.batch import read_rays
-from ...trace.world.tree_box import TreeBox
-from ...trace.world.trees import WideArrays
+from ...trace.world.world import open_world
 from ..bench import FRAME_PHASES, Bench
 from ..experiment import Experiment, curve, published
 from ..page import REPORT, Axis, Figure, Part, Picture, Point, Table
@@ -36,9 +39,6 @@ _LEAST_SIZES = 2
 _SCAN, _GROWTH = "scan", "growth"
 
 _PICTURES = {"800 x 450": _PICTURE, "1080p": (1920, 1080), "4K": _LARGE_PICTURE}
-# Rays that a thread of the host takes at a time: their steps differ much, so threads take many small shares.
-_SHARE_RAYS = 1 << 12
-_HOST_WIDTH = 8
 _ONE, _ALL, _DEVICE = "host, 1 core", "host, all cores", "device"
 
 # The report's frame begins with the build.
@@ -135,14 +135,12 @@ class Resolution(Experiment):
             trace_wall_ms = (time.perf_counter() - begin) * 1e3
             trace_ms, kernel_ms = sum(frame.times_ms.values()), frame.times_ms["kernel"]
         else:
-            # Rays, tree and threads are ready before.
+            # Rays and tree are ready before.
             count = 1 if case["traversal"] == _ONE else usable_cores()
-            threads = bench.open(("threads", count), lambda: HostThreads(count))
-            tree = bench.once(("host tree", name), lambda: _arrange(bvh))
+            host = bench.open(("host", name, count), lambda: _HostTracer(bvh, count))
             begin = time.perf_counter()
-            shares = cut_range(0, len(rays[0]), -(-len(rays[0]) // _SHARE_RAYS))
-            batch, _ = read_rays(*rays, 0.0, np.inf)
-            threads.run(partial(cast_on_host, tree, TreeBox.around(bvh), batch, 0), shares)
+            batch, shape = read_rays(*rays, 0.0, np.inf)
+            find_closest_prims(host.caster, batch, shape, None)
             trace_ms = kernel_ms = trace_wall_ms = (time.perf_counter() - begin) * 1e3
         times = {"build_ms": values["build_ms"], "trace_ms": trace_ms, "total_ms": values["build_ms"] + trace_ms}
         return Sample({**times, "kernel_ms": kernel_ms, "trace_wall_ms": trace_wall_ms, "rays": len(rays[0])})
@@ -167,13 +165,16 @@ class Resolution(Experiment):
         yield Table(self.say(results, "gains"), columns, gains)
 
 
-def _arrange(bvh: Bvh) -> WideArrays:
-    """Return a tree as the host traverses it."""
-    arrays = make_device_arrays(bvh, f"bvh{_HOST_WIDTH}")
-    blocks = np.empty(arrays.blocks.item_count, arrays.blocks.struct)
-    with HostThreads() as threads:
-        arrays.blocks.write(blocks, threads)
-    return WideArrays.of(arrays.nodes, blocks, _HOST_WIDTH, arrays.stack_size)
+class _HostTracer(ContextManager):
+    """A tree on the host device, whose rays a number of threads casts."""
+
+    def __init__(self, bvh: Bvh, thread_count: int) -> None:
+        session = HostSession(describe_host(), thread_count=thread_count)
+        assert isinstance(bvh.shape, Mesh)
+        self.caster = Caster(session, open_world(session, Scene(bvh.shape).snapshot(), [bvh]))
+
+    def close(self) -> None:
+        self.caster.close()
 
 
 class Breakdown(Experiment):

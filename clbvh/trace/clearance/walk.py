@@ -7,7 +7,6 @@ deformable models using AABB trees", 1997.
 
 from __future__ import annotations
 
-import threading
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from ...geometry import Mesh
 from ...scene.state import SceneState
 from ...structs import NO_PRIM
 from ...support.compiled import compiled
+from ...support.forks import make_lock
 from ..rays.batch import check_room
 from ..world.surface_arrays import SurfaceArrays, place_point
 from ..world.top_tree import find_boxes
@@ -63,7 +63,7 @@ class HostTrees:
     """The trees of a tracer's geometries on the host, built when they are first asked for; from any thread."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock = make_lock()
         self._trees: dict[int, Bvh] = {}
         self._boxes: dict[int, NDArray[np.float32]] = {}
         self._joined: JoinedTrees | None = None
@@ -81,7 +81,7 @@ class HostTrees:
             ]
             trees = build_shapes([state.shapes[geometry_id] for geometry_id in new], "default")
             for geometry_id, tree in zip(new, trees, strict=True):
-                self._trees[geometry_id], self._boxes[geometry_id], self._joined = tree, fit_boxes(tree), None
+                self._joined, self._boxes[geometry_id], self._trees[geometry_id] = None, fit_boxes(tree), tree
             if self._joined is None:
                 self._joined = self._join(state.geometry_count)
             return self._joined

@@ -8,20 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...structs import PACKED_RAY_LANES, STEPS
-from ...support.compiled import compiled
-from ..host.walk import FIELD_COUNT, cast_on_host, walk
-from ..launch import Call, Caster, Query, device_casts_all
-from ..put_rays import cut_batch, put_rays
+from ...structs import STEPS
+from ..launch import Call, Caster, Query
+from ..put_rays import COUNT_STEPS, cut_batch, put_rays
 from ..ranges import cast_rays
 from ..rays.batch import RayBatch, Rays, check_room, read_rays
-from ..rays.pack import ALL_GOOD, NO_LOWS, explain_bad_ray, write_packed
 from ..rays.pieces import Progress
 from ..world.surface_arrays import SurfaceArrays
-from ..world.tree_box import TreeBox
-from ..world.trees import WideArrays
 from .hits import Hits
-from .refine import LEAST_HITS, RefineBlock, RefinedHits, refine_closest, refine_found
+from .refine import LEAST_HITS, RefinedHits, refine_closest
 from .surface import Surface
 
 Shape = tuple[int, ...]
@@ -29,7 +24,6 @@ Shape = tuple[int, ...]
 CLOSEST_HIT = Query("closest_hit", "hits")
 ANY_HIT = Query("any_hit", "blocked", np.dtype(np.uint8))
 COUNT_HITS = Query("count_hits", "counts", np.dtype(np.int32))
-_COUNT_STEPS = Query("count_steps", "steps", STEPS)
 
 # "All of them", for a kernel that stops at a number of hits.
 NO_LIMIT = np.iinfo(np.int32).max
@@ -45,17 +39,10 @@ def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: P
     refined = RefinedHits.make(count, is_lone=world.is_lone)
 
     def cast(call: Call, part: range, progress: Progress | None) -> None:
-        world = call.world
-        if (tree := call.on_host(count, are_refined=True)) is not None:
-            cast_few = partial(_find_closest_on_host, tree, world.box, batch, world.arrays, refined)
-            call.run_on_host(count, cast_few)
-            if progress is not None:
-                progress(count, count)
-        else:
-            for piece in cut_batch(call, batch, shape, part=part, progress=progress):
-                with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
-                    refine = partial(_refine_range, batch, piece.begin, world.arrays, found, refined)
-                    call.threads.for_ranges(len(found), refine, least_items=LEAST_HITS)
+        for piece in cut_batch(call, batch, shape, part=part, progress=progress):
+            with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
+                refine = partial(_refine_range, batch, piece.begin, call.world.arrays, found, refined)
+                call.threads.for_ranges(len(found), refine, least_items=LEAST_HITS)
 
     cast_rays(caster, batch, shape, cast, progress)
     return refined.as_hits(shape, Surface.of_world(world))
@@ -98,8 +85,7 @@ def count_steps(caster: Caster, origins: ArrayLike, directions: ArrayLike) -> ND
     a leaf is one block of primitives in wide layouts.
     """
     batch, shape = read_rays(origins, directions, 0.0, np.inf)
-    with device_casts_all():
-        return _answer(caster, _COUNT_STEPS, STEPS, batch, shape, None)
+    return _answer(caster, COUNT_STEPS, STEPS, batch, shape, None)
 
 
 def _answer(
@@ -111,47 +97,10 @@ def _answer(
     answers = np.empty(count, dtype)
 
     def cast(call: Call, part: range, progress: Progress | None) -> None:
-        if isinstance(batch, RayBatch) and (tree := call.on_host(count)) is not None:
-            most_hits = 0 if query is CLOSEST_HIT else int(arguments.get("max_hits", 1))
-            call.run_on_host(count, partial(_answer_range, tree, call.world.box, batch, most_hits, answers))
-            if progress is not None:
-                progress(count, count)
-        else:
-            for piece in cut_batch(call, batch, shape, part=part, progress=progress):
-                with call.cast(query, put_rays(call, batch, piece), **arguments) as found:
-                    own = found["prim_id"] if query.dtype is None else found
-                    answers[piece.begin : piece.begin + len(found)] = own
+        for piece in cut_batch(call, batch, shape, part=part, progress=progress):
+            with call.cast(query, put_rays(call, batch, piece), **arguments) as found:
+                own = found["prim_id"] if query.dtype is None else found
+                answers[piece.begin : piece.begin + len(found)] = own
 
     cast_rays(caster, batch, shape, cast, progress)
     return answers.reshape(shape)
-
-
-def _answer_range(
-    tree: WideArrays, box: TreeBox, batch: RayBatch, most_hits: int, answers: NDArray[Any], begin: int, end: int
-) -> None:
-    answers[begin:end] = cast_on_host(tree, box, batch, most_hits, begin, end)
-
-
-def _find_closest_on_host(
-    tree: WideArrays, box: TreeBox, batch: RayBatch, surface: Any, hits: RefinedHits, begin: int, end: int
-) -> None:
-    """Write the closest hits of few rays, to the last bit as `refine_closest` does of the device's.
-
-    In one compiled call: each call of a compiled function from Python costs microseconds, as long as tens of rays.
-    """
-    count = end - begin
-    packed, found = np.empty((count, PACKED_RAY_LANES), np.float32), np.empty((count, FIELD_COUNT), np.int32)
-    rays, block = batch.part(begin, end), RefineBlock.of_thread()
-    bad = _find_closest(rays, box, tree, surface, packed, found, NO_LOWS, block, hits.part(begin, end))
-    if bad != ALL_GOOD:
-        raise explain_bad_ray(batch, begin + bad)
-
-
-@compiled
-def _find_closest(rays, box, tree, surface, packed, found, no_lows, block, hits):
-    """Pack rays, traverse the tree with them and refine their hits; return as `write_packed`."""
-    bad = write_packed(rays, box, None, packed, no_lows, no_lows)
-    if bad == ALL_GOOD:
-        walk(tree, packed, 0, found)
-        refine_found(rays, surface, found, block, hits)
-    return bad

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...device.program import build_kernel
 from ...device.session import DeviceSession
 from ..launch import Call, Caster
 from ..put_rays import cut_batch, put_rays
@@ -24,8 +23,8 @@ from .surface import Surface
 class DeviceHits(NamedTuple):
     """One hit per ray in the memory of a device; see `Tracer.closest_hit`.
 
-    Each is a `pyopencl.array.Array` of the rays' leading shape on `Tracer.queue`, and outlives the tracer. The values
-    are those of `Hits`, to the last bit.
+    Each is a `pyopencl.array.Array` of the rays' leading shape on `Tracer.queue`, on the host a numpy array, and
+    outlives the tracer. The values are those of `Hits`, to the last bit.
 
     Attributes
     ----------
@@ -39,11 +38,11 @@ class DeviceHits(NamedTuple):
     --------
     >>> import clbvh
     >>> mesh = clbvh.Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]])
-    >>> with clbvh.Tracer(mesh) as tracer:
+    >>> with clbvh.Tracer(mesh, device="host") as tracer:
     ...     hits = tracer.closest_hit([[1, 2, 5], [3, 3, 5]], [0, 0, -1], out="device")
-    >>> hits.t.get(), hits.prim_id.get()
+    >>> hits.t, hits.prim_id  # elsewhere `hits.t.get()` copies it to the host
     (array([ 5., inf]), array([ 0, -1], dtype=int32))
-    >>> (2 * hits.u).get()  # on the device
+    >>> 2 * hits.u  # on the device
     array([0.5, 0. ])
     """
 
@@ -76,10 +75,10 @@ def find_hits_on_device(
     # Not in the call below: with less memory for rays, the surface would not fit any better.
     with caster.open_call() as call:
         surface = call.world.refine_buffers.on(call.world.trees.session, call.session)
-    written = {name: values.base_data for name, values in hits._asdict().items()}
+    written = {name: caster.session.memory_of(values) for name, values in hits._asdict().items()}
 
     def cast(call: Call, part: range, progress: Progress | None) -> None:
-        refine = build_kernel(call.session, "refine_hits")
+        refine = call.session.kernel("refine_hits")
         for piece in cut_batch(call, rays, shape, part=part, progress=progress):
             batch = put_rays(call, rays, piece)
             found = call.launch(CLOSEST_HIT, batch)
@@ -100,7 +99,7 @@ def download_hits(caster: Caster, hits: DeviceHits) -> Hits:
     found = [np.empty(each.shape, each.dtype) for each in hits]
     with caster.open_call() as call:
         for values, into in zip(hits, found, strict=True):
-            call.session.download(values.base_data, into)
+            call.session.download(call.session.memory_of(values), into)
     t, u, v, prim_id, instance_id, _, is_front = found
     return Hits(
         t, u, v, prim_id, is_front=is_front.view(np.bool_), surface=Surface.of_world(caster.world),

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...structs import NO_PRIM, PACKED_POINT, WORLD_PRIM
-from ..hits.closest import count_hits
 from ..launch import Batch, Call, Caster, Query
 from ..ranges import cast_ranges
-from ..rays.batch import Broadcast, check_room, read_masks, read_points, read_rays
+from ..rays.batch import Broadcast, check_room, read_masks, read_points
 from ..rays.pieces import CHUNK_RAYS, Progress
 from ..world.metrics import Metrics
 from ..world.top_tree import prune_top
@@ -26,7 +25,7 @@ from .pack import cut_points_of, find_point_order, pack_points, take_masks, take
 from .refine import ClosestPoints, FoundPoints, refine_points
 
 CLOSEST_POINT = Query("closest_point", "prims", WORLD_PRIM)
-_INSIDE = Query("inside", "inside", np.dtype(np.uint8))
+_INSIDE = Query("inside", "is_inside", np.dtype(np.uint8))
 _DEPTH = Query("depth", "prims", WORLD_PRIM)
 
 # Distance, point and ids of a point.
@@ -171,11 +170,7 @@ def find_contained(caster: Caster, seen: SeenPoints, progress: Progress | None =
         box = call.world.box
         for piece in cut_pieces(call, seen, part, progress):
             order = piece.order[find_in_box(piece.points, box, box.half * _BOX_GROWTH)[piece.order]]
-            if call.world.surplus is None and call.on_host(len(order)):
-                rays, shape = read_rays(piece.points[order], GENERIC_DIRECTIONS[0], 0.0, np.inf)
-                is_odd = count_hits(call.caster, rays, shape, None, None) % 2 == 1
-                is_inside[piece.begin + order] = is_odd & (piece.masks[order if len(piece.masks) > 1 else 0] != 0)
-            elif len(order):
+            if len(order):
                 with _cast_inside(call, pack_points(call, piece.points, piece.masks, order)) as inside:
                     is_inside[piece.begin + order] = inside
 

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...device.context import check_process
 from ...errors import QueryError
-from ...geometry.arrays import has_masked_values, is_device_array, on_host
+from ...geometry.arrays import has_masked_values, on_host
 from ...support.compiled import compiled
 from ...support.memory import check_memory
 
@@ -183,8 +182,6 @@ def read_points(points: ArrayLike) -> Broadcast:
 
 def _read_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
     """Return an array of real numbers, of any dtype for them."""
-    if is_device_array(values):
-        check_process()
     try:
         numbers = np.asarray(on_host(values))
         if numbers.dtype == object:

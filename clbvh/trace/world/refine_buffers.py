@@ -6,7 +6,6 @@ Vertices and faces stay for the worlds that follow, as long as these have the sa
 from __future__ import annotations
 
 from collections.abc import Callable
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from ...device.session import DeviceSession
 from ...geometry import Mesh
 from ...layouts.device_mesh import DeviceMesh
+from ...support.forks import make_lock
 from .surface_arrays import SurfaceArrays
 
 
@@ -35,7 +35,7 @@ class RefineBuffers:
         self, find_arrays: Callable[[], SurfaceArrays], lone: Mesh | None, before: RefineBuffers | None = None
     ) -> None:
         self._find_arrays, self._lone = find_arrays, lone
-        self._lock = Lock()
+        self._lock = make_lock()
         self._kept: dict[str, tuple[NDArray[Any], Any]] = {} if before is None else dict(before._kept)
         self._arguments: dict[str, Any] = {}
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...device.program import build_kernel
 from ...device.session import DeviceSession
 from ...geometry import Shape
 from ...layouts.device_prims import DevicePrims
@@ -99,7 +98,7 @@ class Refit:
             session, self._block_width, self._prim_ids, tree.block_count, blocks, first_block=tree.first_block,
             boxes=self._block_boxes,
         )  # fmt: skip
-        kernel = build_kernel(session, "refit_nodes", {"TREE_WIDTH": self._width})
+        kernel = session.kernel("refit_nodes", {"TREE_WIDTH": self._width})
         for begin, end, item_count in self._launches:
             session.run(
                 kernel, (item_count,), _WORK_GROUP if item_count > 1 else (1,),

@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from threading import Lock
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 from weakref import WeakSet, ref
 
 import numpy as np
@@ -34,7 +33,7 @@ from ...layouts.device_arrays import (
     make_device_arrays,
 )
 from ...layouts.device_prims import DevicePrims
-from ...structs import BVH2_NODE, COMPACT_LAYOUT, LANE_LAYOUTS, LAYOUT_WIDTHS, PRIM_KINDS, WIDE_NODES
+from ...structs import BVH2_NODE, COMPACT_LAYOUT, LAYOUT_WIDTHS, PRIM_KINDS, WIDE_NODES
 from ...support.host_threads import HostThreads
 from .tree_box import TreeBox
 
@@ -56,39 +55,6 @@ _LONGEST_STACK = 1024
 # The buffer of the blocks of each kind of primitives, by its number, and the most items that the device counts.
 _BLOCK_BUFFERS = {PRIM_KINDS["triangles"]: "blocks", PRIM_KINDS["spheres"]: "spheres"}
 _MOST_ITEMS = np.iinfo(np.int32).max
-
-
-class WideArrays(NamedTuple):
-    """A tree in the layout `bvh4` or `bvh8` as 4-byte lanes: floats, and the same as integers.
-
-    Attributes
-    ----------
-    nodes : (N * 7 * width,) float32
-    node_ints : (N * 7 * width,) int32
-    blocks : (G * 10 * width,) float32
-    block_ints : (G * 10 * width,) int32
-    slots : tuple of int
-        0 to width - 1: the type tells the compiler the width, so that loops over children become vector instructions.
-    stack_size : int
-    """
-
-    nodes: NDArray[np.float32]
-    node_ints: NDArray[np.int32]
-    blocks: NDArray[np.float32]
-    block_ints: NDArray[np.int32]
-    slots: tuple[int, ...]
-    stack_size: int
-
-    @classmethod
-    def of(cls, nodes: NDArray[Any], blocks: NDArray[Any], width: int, stack_size: int) -> Self:
-        """Return views of `structs.WIDE_NODES[width]` and `structs.TRIANGLE_BLOCKS[width]`, or of their bytes."""
-        node_lanes, block_lanes = (items.view(np.float32).reshape(-1) for items in (nodes, blocks))
-        for lanes in (node_lanes, block_lanes):
-            lanes.flags.writeable = False
-        return cls(
-            node_lanes, node_lanes.view(np.int32), block_lanes, block_lanes.view(np.int32), tuple(range(width)),
-            stack_size,
-        )  # fmt: skip
 
 
 def check_layout(layout: str) -> None:
@@ -307,7 +273,6 @@ class DeviceTrees:
     buffers: dict[str, Any]
     dtypes: dict[str, np.dtype]
     box: TreeBox
-    _host_view: HostView = field(default_factory=lambda: HostView(), repr=False)
 
     @classmethod
     def join(cls, session: DeviceSession, shapes: Sequence[Bounded], trees: Sequence[NewTree], layout: str) -> Self:
@@ -403,19 +368,12 @@ class DeviceTrees:
         return sizes
 
     def download(self, session: DeviceSession, geometry_id: int) -> list[NDArray[np.void]]:
-        """Return copies of the nodes and of the blocks of a shape: queries of other threads may map them."""
+        """Return copies of the nodes and of the blocks of a shape."""
         arrays = []
         for name, first, count in _list_arrays(self.trees[geometry_id]):
             arrays.append(array := np.empty(count, self.dtypes[name]))
             session.download(self.buffers[name], array.view(np.uint8), begin=first * array.itemsize)
         return arrays
-
-    def on_host(self) -> WideArrays | None:
-        """Return the tree of a lone mesh as the host sees it, without a copy; None if it does not, or not as lanes."""
-        info = self.session.info
-        if info.kind != "cpu" or info.is_simulator or self.layout not in LANE_LAYOUTS:
-            return None
-        return self._host_view.open(self)
 
     def with_room(self, session: DeviceSession, geometry_id: int, tree: Tree, retired: RetiredBuffers) -> DeviceTrees:
         """Return the trees in which one is yet to be written: in other buffers, with copies of all other trees.
@@ -431,7 +389,7 @@ class DeviceTrees:
             Those that may be written.
         """
         trees = _place([*self.trees[:geometry_id], tree, *self.trees[geometry_id + 1 :]])
-        moved = replace(self, trees=trees, buffers=dict(self.buffers), _host_view=HostView())
+        moved = replace(self, trees=trees, buffers=dict(self.buffers))
         sizes = moved._sizes()
         old_counts = {name: count for name, _, count in _list_arrays(self.trees[geometry_id])}
         for name, first, count in _list_arrays(trees[geometry_id]):
@@ -469,29 +427,6 @@ def _list_arrays(tree: Tree) -> list[tuple[str, int, int]]:
         ("nodes", tree.first_node, tree.node_count),
         (_BLOCK_BUFFERS[tree.kind], tree.first_block, tree.block_count),
     ]
-
-
-class HostView:
-    """The first tree of a device that shares its memory with the host, once a query has asked for it.
-
-    Its mappings end with it, and so before a buffer of the trees is written again.
-    """
-
-    # One for all: trees may share a buffer, see `DeviceSession.hold_mapped`.
-    _lock: ClassVar[Lock] = Lock()
-
-    def __init__(self) -> None:
-        self._arrays: WideArrays | None = None
-
-    def open(self, trees: DeviceTrees) -> WideArrays:
-        """Return the arrays; for calls that are running: they are valid until the last world with them is gone."""
-        if self._arrays is None:
-            with self._lock:
-                if self._arrays is None:
-                    sizes, hold = trees._sizes(), trees.session.hold_mapped
-                    nodes, blocks = (hold(trees.buffers[name], sizes[name]) for name in ("nodes", "blocks"))
-                    self._arrays = WideArrays.of(nodes, blocks, LAYOUT_WIDTHS[trees.layout], trees.stack_size)
-        return self._arrays
 
 
 class RetiredBuffers:

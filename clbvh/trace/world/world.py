@@ -27,7 +27,7 @@ from .surface_arrays import FLOAT_ROUNDING, SurfaceArrays, lone_arrays, make_sur
 from .surplus import Surplus
 from .top_tree import TopTree
 from .tree_box import TreeBox
-from .trees import BRUTE, DeviceTrees, NewTree, WideArrays, check_layout, choose_layout
+from .trees import BRUTE, DeviceTrees, NewTree, check_layout, choose_layout
 
 if TYPE_CHECKING:
     from ...builders.options import BuildOptions
@@ -154,10 +154,6 @@ class World:
     def surplus(self) -> Surplus | None:
         """The faces that a count of hits leaves out to tell the inside, if there are any."""
         return Surplus.find(self.state)
-
-    def on_host(self) -> WideArrays | None:
-        """Return the tree as the host sees it, for calls that are running; None where it does not."""
-        return None if self.mesh is None or self.is_exact else self.trees.on_host()
 
     def shapes_of(self, instance_ids: NDArray[np.integer] | None) -> list[Shape]:
         """Return the shapes that some instances place, or all of them for None."""

@@ -117,7 +117,7 @@ def test_findings_of_the_simulator_are_counted_and_the_planted_write_has_a_place
 def test_a_runtime_without_a_driver_or_that_takes_too_long_fails(script, tmp_path):
     gone = tmp_path / "libgone.so"
     for runtime, library, words in [
-        (replace(script.RUNTIMES[1], find_library=lambda: gone), gone, "no OpenCL device"),
+        (replace(script.RUNTIMES[1], find_library=lambda: gone), gone, "no device matches"),
         (replace(script.RUNTIMES[0], time_limit_s=0.05), None, "no answer within 0.05 s"),
     ]:
         outcome = script.check_runtime(runtime, library)

@@ -21,6 +21,7 @@ def make_device(name, kind, platform, number=-1, **facts):
 
 POCL = "Portable Computing Language"
 
+HOST = make_device("AMD EPYC", "cpu", "host", version="level v4", vendor="AuthenticAMD", memory_bytes=64 << 30)
 GEFORCE = make_device("NVIDIA GeForce RTX 4090", "gpu", "NVIDIA CUDA", memory_bytes=24 << 30)
 RADEON = make_device("gfx1030", "gpu", "AMD Accelerated Parallel Processing", memory_bytes=16 << 30)
 RADEON_OF_MESA = make_device("AMD Radeon RX 6800 (radeonsi, navi21, LLVM 17.0.6)", "gpu", "rusticl")

@@ -1,12 +1,23 @@
 """The devices of made-up machines and of this one: their order, and which of them a word means."""
 
+import sys
 from dataclasses import replace
 
+import numpy as np
 import pyopencl as cl
 import pytest
 
 from clbvh import DeviceError, choose_device, list_devices
-from clbvh.device.select import _keep_distinct, number_devices, pick_device, survey_devices
+from clbvh.device import driver_files, select
+from clbvh.device.driver_files import may_serve_gpus
+from clbvh.device.select import (
+    DeviceSurvey,
+    _keep_distinct,
+    choose_devices,
+    number_devices,
+    pick_device,
+    survey_devices,
+)
 
 from . import made_up_devices as made_up
 from .made_up_devices import (
@@ -14,6 +25,7 @@ from .made_up_devices import (
     BOARD,
     EMULATOR,
     GEFORCE,
+    HOST,
     INTEL_CPU,
     INTEL_XEON,
     IRIS,
@@ -34,11 +46,11 @@ def names_of(devices):
     return [device.name for device in devices]
 
 
-def test_a_graphics_card_comes_first_then_the_one_inside_the_cpu_then_accelerators_then_cpus():
-    expected = [GEFORCE, RADEON, IRIS, BOARD, POCL_3, EMULATOR]
-    ordered = number_devices([POCL_3, IRIS, EMULATOR, BOARD, GEFORCE, RADEON])
+def test_the_host_comes_first_then_a_graphics_card_then_the_one_inside_the_cpu_then_accelerators_then_cpus():
+    expected = [HOST, GEFORCE, RADEON, IRIS, BOARD, POCL_3, EMULATOR]
+    ordered = number_devices([POCL_3, IRIS, EMULATOR, BOARD, GEFORCE, RADEON, HOST])
     assert names_of(ordered) == names_of(expected)
-    assert [device.number for device in ordered] == list(range(6))
+    assert [device.number for device in ordered] == list(range(7))
 
 
 def test_measured_devices_take_each_others_places():
@@ -58,21 +70,35 @@ def test_measured_devices_take_each_others_places():
     times = {UHD.name: 9.0, POCL_6.name: 1.0, OCLGRIND.name: 0.1}
     ordered = number_devices([POCL_6, UHD, OCLGRIND], lambda device: times[device.name])
     assert names_of(ordered) == names_of([UHD, POCL_6, OCLGRIND])
+    # The host is number 0 whatever was measured.
+    ordered = number_devices([POCL_6, HOST], lambda device: 9.0 if device.is_host else 1.0)
+    assert names_of(ordered) == names_of([HOST, POCL_6])
 
 
-def test_all_devices_are_the_cards_under_one_driver_each_or_the_cpu():
+def test_all_devices_are_the_cards_under_one_driver_each_or_the_accelerators():
     radeons = replace(RADEON, vendor="Advanced Micro Devices, Inc."), replace(RADEON_OF_MESA, vendor="AMD")
     for machine, expected in [
         ([GEFORCE, GEFORCE, POCL_6], [GEFORCE, GEFORCE]),
         ([POCL_6, *radeons, IRIS, GEFORCE, LLVMPIPE], [GEFORCE, radeons[0], IRIS]),
-        ([POCL_3, INTEL_CPU, POCL_6, OCLGRIND], [POCL_6]),
-        ([EMULATOR, replace(GEFORCE, is_available=False)], []),
+        ([HOST, POCL_6, BOARD, EMULATOR, replace(GEFORCE, is_available=False)], [BOARD]),
+        ([HOST, IRIS, BOARD], [IRIS]),
     ]:
         assert names_of(_keep_distinct(number_devices(machine))) == names_of(expected)
 
 
 MACHINE = number_devices([RADEON, GEFORCE, IRIS, BOARD, INTEL_CPU, POCL_6, POCL_3])
+BROKEN_CARD = replace(GEFORCE, is_available=False)
 MEANINGS = [
+    # Beside the host, whose number is 0.
+    *(([HOST, POCL_6, GEFORCE], word, HOST) for word in (0, "host", "cpu", "epyc", "host cpu", "amd epyc")),
+    *(([HOST, POCL_6, GEFORCE], word, GEFORCE) for word in (None, 1, "gpu", "nvidia")),
+    *(([HOST, POCL_6, GEFORCE], word, POCL_6) for word in (2, "pocl", "pocl cpu", "znver4")),
+    *(([HOST, POCL_6, EMULATOR, OCLGRIND, BROKEN_CARD], word, HOST) for word in (None, "cpu")),
+    ([HOST, POCL_6], "gpu", "no device matches 'gpu'"),
+    ([HOST, POCL_6], "amd", "'amd' is only the maker of a processor here, and 'cpu' asks for it"),
+    ([HOST, INTEL_CPU], "intel", INTEL_CPU),
+    ([BROKEN_CARD, POCL_3], None, POCL_3),
+    ([HOST, BOARD], None, BOARD),
     *((MACHINE, word, GEFORCE) for word in (None, 0, "gpu", "GPU", "geforce", "NVIDIA", "cuda", "4090")),
     *((MACHINE, word, RADEON) for word in (1, "1", "amd", "amd accelerated", "amd gpu")),
     *((MACHINE, word, IRIS) for word in (" 2 ", "iris", "Iris Xe", "iris(r) xe", "intel gpu", "gpu intel")),
@@ -133,6 +159,99 @@ def test_the_environment_variable_decides_only_when_nothing_is_asked_for(monkeyp
     assert choose_device() == list_devices()[0]
 
 
+HOST_WORDS = ("host", " CPU ", "0", 0, np.int64(0))
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    """A function that puts this process on a machine with these devices; the host is the first, or broken."""
+
+    def put(*devices, has_gpu_driver=True):
+        def describe_host():
+            if HOST not in devices:
+                raise DeviceError("the compiled kernels are missing")
+            return replace(HOST, number=0)
+
+        asked = []
+
+        def survey():
+            asked.append(True)
+            return DeviceSurvey(number_devices(devices), ())
+
+        select._has_gpus.cache_clear()
+        monkeypatch.delenv("CLBVH_DEVICE", raising=False)
+        monkeypatch.setattr(select, "describe_host", describe_host)
+        monkeypatch.setattr(select, "survey_devices", survey)
+        monkeypatch.setattr(select, "may_serve_gpus", lambda: has_gpu_driver)
+        return asked
+
+    yield put
+    select._has_gpus.cache_clear()
+
+
+def test_the_host_is_chosen_without_a_look_at_other_devices(machine):
+    asked = machine(HOST, POCL_6, has_gpu_driver=False)
+    assert {choose_device(word).name for word in (None, *HOST_WORDS)} == {HOST.name}
+    assert choose_devices("all") == [choose_device("host")]
+    assert not asked
+    assert choose_device("pocl").name == POCL_6.name
+
+
+def test_a_gpu_is_the_default_and_all_devices_are_gpus(machine):
+    machine(HOST, POCL_6, GEFORCE, UHD)
+    assert choose_device().name == GEFORCE.name
+    assert {choose_device(word).name for word in HOST_WORDS} == {HOST.name}
+    assert names_of(choose_devices("all")) == [GEFORCE.name, UHD.name]
+    # A driver for GPUs without one of them.
+    machine(HOST, POCL_6, OCLGRIND, EMULATOR, BROKEN_CARD)
+    assert choose_device().name == HOST.name
+    assert names_of(choose_devices("all")) == [HOST.name]
+
+
+def test_a_driver_serves_where_the_host_does_not(machine):
+    for has_gpu_driver in (False, True):
+        machine(OCLGRIND, POCL_3, has_gpu_driver=has_gpu_driver)
+        assert {choose_device(word).name for word in (None, "cpu", 0, "pocl")} == {POCL_3.name}
+        assert names_of(choose_devices("all")) == [POCL_3.name]
+        with pytest.raises(DeviceError, match="the compiled kernels are missing"):
+            choose_device("host")
+    machine()
+    with pytest.raises(DeviceError, match=r"no device was found.*clbvh doctor"):
+        choose_device()
+
+
+def test_after_a_fork_the_host_is_the_default_unless_the_parent_has_had_a_gpu(machine, monkeypatch):
+    for devices, refused in (([HOST, POCL_6, BROKEN_CARD], ["pocl"]), ([HOST, GEFORCE], ["gpu", None, "all"])):
+        machine(*devices)
+        choose_device()
+        with monkeypatch.context() as patch:
+            patch.setattr("clbvh.device.context._OpenCL.is_inherited", True)
+            assert {choose_device(word).name for word in HOST_WORDS} == {HOST.name}
+            for word in refused:
+                with pytest.raises(DeviceError, match="forked"):
+                    choose_devices(word if word == "all" else [word])
+            if None not in refused:
+                assert names_of([choose_device(), *choose_devices("all")]) == 2 * [HOST.name]
+
+
+def test_drivers_for_processors_alone_are_known_by_their_files(tmp_path, monkeypatch):
+    monkeypatch.setenv("OCL_ICD_VENDORS", str(tmp_path))
+    monkeypatch.setattr(driver_files, "find_bundled_folder", lambda: None)
+    for name in ("libpocl.so.2", "/opt/lib/libintelocl.so", "liboclgrind-rt-icd.so", ""):
+        (tmp_path / "one.icd").write_text(f"{name}\n")
+        assert sys.platform != "linux" or not may_serve_gpus()
+    for name in ("libnvidia-opencl.so.1", "libRusticlOpenCL.so.1", "libMesaOpenCL.so.1", "/opt/pocl/libamdocl64.so"):
+        (tmp_path / "two.icd").write_text(f"{name}\n")
+        assert may_serve_gpus()
+
+
+def test_without_pyopencl_the_host_is_there_and_one_sentence_says_what_is_not(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyopencl", None)
+    survey = survey_devices()
+    assert [device.is_host for device in survey.devices] == [True]
+    assert [problem[:32] for problem in survey.problems] == ["pyopencl cannot be imported (imp"]
+
+
 class FailingDevice:
     @property
     def name(self):
@@ -157,7 +276,7 @@ def test_one_failing_platform_or_device_does_not_hide_the_others(monkeypatch):
     mixed.version = real.version
     monkeypatch.setattr(cl, "get_platforms", lambda: [Platform("Broken", None), Platform("rusticl", []), mixed])
     survey = survey_devices()
-    assert len(survey.devices) == len(real.get_devices())
+    assert len(survey.devices) == 1 + len(real.get_devices())
     assert "platform 0 cannot be asked" in survey.problems[0]
     assert survey.problems[1] == "the platform 'rusticl' offers no device"
     assert "cannot be described" in survey.problems[2]

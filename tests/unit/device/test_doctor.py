@@ -10,11 +10,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from clbvh.device import doctor, driver_files
-from clbvh.device.doctor import check_gpus, diagnose, register_drivers
+from clbvh import DeviceError
+from clbvh.device import doctor, driver_files, pocl_3
+from clbvh.device.doctor import check_gpus, diagnose, register_drivers, try_library
 from clbvh.device.driver_files import DriverFile, added_drivers, find_added, find_bundled_folder, find_folders
-from clbvh.device.pocl_cpu_name import choose_name, name_unknown_cpu
-from clbvh.device.probe import run_probe
+from clbvh.device.pocl_3 import choose_name, prepare_pocl_3
+from clbvh.device.probe import ProbeResult, run_probe
 
 from .made_up_devices import GEFORCE, POCL_3
 
@@ -192,7 +193,7 @@ def break_pyopencl(tmp_path, monkeypatch):
 
     def run(code):
         (tmp_path / "sitecustomize.py").write_text("import os, time\nimport pyopencl as cl\n" + code)
-        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+        monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
         # Two texts of one length, written in one second, share their bytecode.
         monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
 
@@ -200,24 +201,50 @@ def break_pyopencl(tmp_path, monkeypatch):
 
 
 # A true fault: LLVM, once loaded, swallows a signal that is merely sent.
-CRASH = "import ctypes\ndef crash(*_): ctypes.string_at(0)\n"
+CRASH = "import ctypes\ndef crash(*_, **__): ctypes.string_at(0)\n"
 
 
-def test_a_driver_that_crashes_is_reported_and_the_doctor_lives(break_pyopencl):
+def test_a_driver_that_crashes_is_reported_and_the_doctor_and_the_host_live(break_pyopencl):
     break_pyopencl(CRASH + "cl.Program.build = crash\n")
-    _, trials = diagnose(TIMEOUT_S)
-    assert {trial.error for trial in trials} == {"was killed by SIGSEGV"}
+    findings, (host, *others) = diagnose(TIMEOUT_S)
+    assert (host.device.is_host, host.error, findings[0].severity) == (True, "", "ok")
+    assert {trial.error for trial in others} == {"was killed by SIGSEGV"}
     break_pyopencl(CRASH + "cl.get_platforms = crash\n")
     findings, trials = diagnose(TIMEOUT_S)
-    assert trials == []
+    assert [trial.device.is_host for trial in trials] == [True]
     (finding,) = [finding for finding in findings if "was killed by SIGSEGV" in finding.message]
+    assert finding.severity == "problem"
     assert any("OCL_ICD_VENDORS=" in line for line in finding.advice)
+
+
+def test_a_host_that_lacks_its_kernels_or_computes_wrong_numbers_is_the_first_problem(monkeypatch):
+    monkeypatch.setattr(doctor, "run_probe", lambda *words, **_: ProbeResult({"pyopencl": "1"}, "", ""))
+    assert doctor.diagnose(TIMEOUT_S)[0][0].severity == "ok"
+    monkeypatch.setattr(doctor, "run_probe", lambda *words, **_: ProbeResult({}, "was killed by SIGILL", ""))
+    findings, (host,) = diagnose(TIMEOUT_S)
+    assert (host.error, findings[0].severity, findings[0].check) == ("was killed by SIGILL", "problem", "host")
+    monkeypatch.setattr(doctor, "find_digest", lambda: "of other sources")
+    findings, trials = diagnose(TIMEOUT_S)
+    assert trials == []
+    assert "do not fit their sources" in findings[0].message
+
+    def fail():
+        raise DeviceError("the compiled kernels are missing")
+
+    monkeypatch.setattr(doctor, "open_library", fail)
+    findings, _ = diagnose(TIMEOUT_S)
+    assert (findings[0].severity, findings[0].message) == ("problem", "the compiled kernels are missing")
+
+
+def test_a_driver_without_devices_is_not_registered_for_the_hosts_sake(tmp_path):
+    working, failure = try_library("libc.so.6", TIMEOUT_S)
+    assert (working, bool(failure)) == ([], True)
 
 
 # The numbers are all wrong: not even the first one, zero, may be right because the memory happened to hold it.
 IDLE = """
 build = cl.Program.__init__
-def init(self, context, text): build(self, context, text.replace('x[i] =', 'float lost ='))
+def init(self, context, text): build(self, context, text.replace('= pair;', '= ~0ul;'))
 cl.Program.__init__ = init
 """
 NOISY = "platforms = cl.get_platforms\ncl.get_platforms = lambda: os.write(1, b'hello\\n') and platforms()\n"
@@ -225,8 +252,8 @@ NOISY = "platforms = cl.get_platforms\ncl.get_platforms = lambda: os.write(1, b'
 
 def test_a_driver_that_fails_at_its_end_computes_nothing_or_prints(break_pyopencl):
     for code, words, failure in [
-        (CRASH + "import atexit; atexit.register(crash)\n", ("try", "0"), "answered, but then was killed by SIGSEGV"),
-        (IDLE, ("try", "0"), "computed 1025 of 1025 numbers wrong"),
+        (CRASH + "import atexit; atexit.register(crash)\n", ("try", "1"), "answered, but then was killed by SIGSEGV"),
+        (IDLE, ("try", "1"), "computed 1025 of 1025 numbers wrong"),
         (NOISY, ("list",), ""),
     ]:
         break_pyopencl(code)
@@ -243,11 +270,12 @@ def make_record(*pointers):
 
 def name_cpu(record, version="OpenCL 3.0 PoCL HSTR: pthread-x86_64-unknown-linux-gnu-generic", driver="3.0-rc2"):
     handle = SimpleNamespace(int_ptr=ctypes.addressof(record) if record else 8)
-    name_unknown_cpu(SimpleNamespace(version=version, driver_version=driver, cl_device=handle))
+    prepare_pocl_3(SimpleNamespace(version=version, driver_version=driver, cl_device=handle))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the processor is named on Linux only")
-def test_a_processor_that_pocl_does_not_know_gets_a_name_and_all_others_are_left_alone():
+def test_a_processor_that_pocl_does_not_know_gets_a_name_and_all_others_are_left_alone(monkeypatch):
+    monkeypatch.setattr(pocl_3, "_find_missing", list)
     word, other = (ctypes.create_string_buffer(b"generic", 16) for _ in range(2))
     record = make_record(word)
     for version, driver in [

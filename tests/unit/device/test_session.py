@@ -9,9 +9,10 @@ import pyopencl as cl
 import pytest
 
 from clbvh import DeviceError, InternalError, KernelBuildError
-from clbvh.device.context import EventTimes, Kernel
-from clbvh.device.program import build_kernel, expand_source, find_arguments
-from clbvh.device.session import DeviceSession
+from clbvh.device.context import Kernel
+from clbvh.device.open import open_device
+from clbvh.device.sources import expand_source, find_arguments
+from clbvh.device.times import CommandTimes
 from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUTS
 from clbvh.support.folders import find_folder
 
@@ -23,7 +24,7 @@ THREADS = 6
 @pytest.fixture
 def fresh(session):
     """A session of its own on the same device."""
-    with DeviceSession(session.info) as opened:
+    with open_device(session.info) as opened:
         yield opened
 
 
@@ -40,9 +41,10 @@ def write(tmp_path):
     return run
 
 
+@pytest.mark.on_opencl
 def test_what_cannot_be_done_is_said_in_one_sentence(fresh, write):
     folder = write("kernels/double_it.cl", "kernel void double_it(global int *x) { x[0] *= 2; }")
-    double = build_kernel(fresh, "double_it", folder=folder)
+    double = fresh.kernel("double_it", folder=folder)
     buffer, large = fresh.allocate(400), np.zeros(1_000_000, np.int32)
     for call, words in [
         (lambda: fresh.allocate(2**62), f"the device '{re.escape(fresh.info.name)}' cannot hold a buffer of 4,.* MB"),
@@ -50,7 +52,7 @@ def test_what_cannot_be_done_is_said_in_one_sentence(fresh, write):
         (lambda: fresh.write(buffer, large), r"cannot take 4\.0 MB"),
         (lambda: fresh.download(buffer, large), r"cannot give back 4\.0 MB"),
         (lambda: fresh.run(double, (64,), (2**30,), x=buffer), "cannot run the kernel 'double_it'"),
-        (lambda: DeviceSession("no such board"), "no such board"),
+        (lambda: open_device("no such board"), "no such board"),
     ]:
         with pytest.raises(DeviceError, match=words) as caught:
             call()
@@ -67,13 +69,14 @@ def test_numbers_are_passed_by_the_type_of_the_source():
         "kernel void two(global float *x)\n{\n}\n"
     )
     assert find_arguments(text) == {
-        "one": {"nodes": None, "count": np.int32, "scale": np.float32, "x": None, "seed": np.uint32},
+        "one": {"nodes": None, "count": "int", "scale": "float", "x": None, "seed": "uint"},
         "two": {"x": None},
     }
 
 
+@pytest.mark.on_opencl
 def test_a_buffer_is_gone_when_nothing_refers_to_it_or_the_session_is_closed(session):
-    with DeviceSession(session.info) as opened:
+    with open_device(session.info) as opened:
         held, other = opened.allocate(100), opened.allocate(100)
         opened.allocate(100)
         assert opened.buffer_count == 2
@@ -99,7 +102,7 @@ def test_times_add_up_by_label_also_in_threads_and_a_command_that_failed_has_non
     def fail():
         raise make_error("OUT_OF_RESOURCES")
 
-    times, seen = EventTimes(), []
+    times, seen = CommandTimes(), []
     times.note("kernel", SimpleNamespace(wait=fail))
     times.note("kernel", Event(1_000_000, 3_500_000))
 
@@ -112,7 +115,7 @@ def test_times_add_up_by_label_also_in_threads_and_a_command_that_failed_has_non
     run_in_threads(*[note_many] * THREADS)
     # A long session does not hoard events.
     assert sum(event() is not None for event in seen) < 500
-    assert times.sums_ms() == {"kernel": 2.5, "upload": 2000 * THREADS}
+    assert times.sums_ms() == {"kernel": 2.5, "upload": 2000 * THREADS, "download": 0.0}
 
 
 def make_error(code):
@@ -122,16 +125,17 @@ def make_error(code):
     return cl.RuntimeError(cl._cl._ErrorRecord(msg="", code=getattr(cl.status_code, code), routine="clEnqueue"))
 
 
+@pytest.mark.on_opencl
 @pytest.mark.parametrize("code", ["OUT_OF_RESOURCES", "INVALID_COMMAND_QUEUE", "MEM_OBJECT_ALLOCATION_FAILURE", None])
 def test_a_context_that_the_driver_has_given_up_is_not_shared_any_more(session, code):
     def fail(*arguments):
         raise make_error(code)
 
     fail.function_name = "fail"
-    with DeviceSession(session.info) as before:
+    with open_device(session.info) as before:
         with pytest.raises(DeviceError, match="cannot run the kernel 'fail'"):
             before.run(Kernel(fail, []), (1,), (1,))
-        with DeviceSession(session.info) as after:
+        with open_device(session.info) as after:
             assert (after.shared is not before.shared) == (code in ("OUT_OF_RESOURCES", "INVALID_COMMAND_QUEUE"))
             # Buffers belong to a context, and so to all branches of a session.
             assert before.branch().shared is before.shared
@@ -140,6 +144,7 @@ def test_a_context_that_the_driver_has_given_up_is_not_shared_any_more(session, 
             assert back.tolist() == [0, 1, 2, 3, 4]
 
 
+@pytest.mark.on_both
 def test_a_compiler_message_names_our_file_and_line_also_behind_includes(session, write):
     write("a.cl", '#include "b.cl"', "float third_of(const float x)", "{", "    return x / there;", "}")
     write("b.cl", '#include "a.cl"', "float half_of(const float x)", "{", "    return x / tow;", "}")
@@ -149,24 +154,26 @@ def test_a_compiler_message_names_our_file_and_line_also_behind_includes(session
     folder = write("kernels/k.cl", *includes, "kernel void k(global int *x) { x[0] = mine + nothing; }")
     for _ in range(2):
         with pytest.raises(KernelBuildError) as caught:
-            build_kernel(session, "k", {"TWO": 2}, folder=folder)
+            session.kernel("k", {"TWO": 2}, folder=folder)
     messages = re.findall(r"sources/([\w/.]+):(\d+):.*'(\w+)'", caught.value.log)
     assert messages == [("b.cl", "4", "tow"), ("a.cl", "4", "there"), ("kernels/k.cl", "4", "nothing")]
-    assert caught.value.device == session.info.name
-    assert caught.value.options.startswith("-cl-std=CL1.2 -DTWO=2")
+    assert caught.value.device == ("host" if session.info.is_host else session.info.name)
+    assert "-cl-std=CL1.2" in caught.value.options
+    assert "-DTWO=2" in caught.value.options
     assert caught.value.log in str(caught.value)
     folder = write("kernels/l.cl", '#include "none.cl"')
     with pytest.raises(InternalError, match=r"'none\.cl' is missing in .*sources and .*cl"):
         expand_source("kernels/l.cl", folder)
 
 
+@pytest.mark.on_opencl
 def test_another_text_or_another_macro_is_another_kernel_and_the_same_is_compiled_once(session, write, monkeypatch):
     # All opened here: a test may have let the device's sessions have a new context since `session` was opened.
-    with DeviceSession(session.info) as one, DeviceSession(session.info) as other, one.branch() as branch:
+    with open_device(session.info) as one, open_device(session.info) as other, one.branch() as branch:
 
         def run(text, number):
             folder = write("kernels/set_number.cl", f"kernel void set_number(global int *x) {{ x[0] = {text}; }}")
-            kernel, into = build_kernel(one, "set_number", {"NUMBER": number}, folder=folder), np.zeros(1, np.int32)
+            kernel, into = one.kernel("set_number", {"NUMBER": number}, folder=folder), np.zeros(1, np.int32)
             buffer = one.upload(into)
             one.run(kernel, (1,), (1,), x=buffer)
             one.download(buffer, into)
@@ -175,11 +182,12 @@ def test_another_text_or_another_macro_is_another_kernel_and_the_same_is_compile
         assert [run("NUMBER", 1)[0], run("NUMBER", 2)[0], run("2 * NUMBER", 2)[0]] == [1, 2, 4]
         monkeypatch.setattr(cl, "Program", None)
         _, folder = run("2 * NUMBER", 2)
-        kernels = {build_kernel(each, "set_number", {"NUMBER": 2}, folder=folder) for each in (one, other, branch)}
+        kernels = {each.kernel("set_number", {"NUMBER": 2}, folder=folder) for each in (one, other, branch)}
         assert len(kernels) == 1
         assert len({id(each.queue) for each in (one, other, branch)}) == 3
 
 
+@pytest.mark.on_opencl
 @pytest.mark.parametrize("layout", ["bvh2", "bvh8"])
 def test_every_shipped_kernel_builds_without_a_warning(session, layout):
     # What the compiler says would end up on the user's screen.

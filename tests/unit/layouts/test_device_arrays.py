@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pyopencl as cl
 import pytest
 
 from clbvh import BuildOptions, Mesh, Spheres, build, make_shape, sah_cost
@@ -12,7 +11,7 @@ from clbvh.geometry.corners import find_corners
 from clbvh.layouts import wide
 from clbvh.layouts.device_arrays import has_shared_blocks
 from clbvh.layouts.device_prims import DevicePrims
-from clbvh.structs import LANE_LAYOUTS, LAYOUT_WIDTHS, NO_PRIM, SHARED_UNIT
+from clbvh.structs import LAYOUT_WIDTHS, NO_PRIM, SHARED_UNIT
 from clbvh.support.host_threads import HostThreads
 from clbvh.trace.world.refit import Refit
 from clbvh.trace.world.trees import DeviceTrees, NewTree, RetiredBuffers
@@ -150,7 +149,7 @@ def refit(session, bvh, layout, *shapes):
     for shape in shapes:
         moved = trees.with_room(session, 0, trees.trees[0], retired)
         for buffer in moved.buffers.values():
-            cl.enqueue_fill_buffer(session.queue, buffer, np.uint8(0xFF), 0, buffer.size)
+            session.write(buffer, np.full(buffer.size, 0xFF, np.uint8))
         box = writer.write(trees, moved, 0, shape, session)
         yield writer, take(session, moved), box
 
@@ -192,7 +191,7 @@ def test_arrays_hold_every_primitive_once_and_stay_as_they_are_if_nothing_moves(
             assert writer.sah_cost == writer.built_cost
 
 
-@pytest.mark.parametrize("layout", ["bvh2", *LANE_LAYOUTS])
+@pytest.mark.parametrize("layout", ["bvh2", "bvh4", "bvh8"])
 def test_moved_vertices_have_exact_boxes(layout, session):
     bvh = build(make_soup(700, 1, grid=30, size=4, degenerate=0.2), leaf_size=3)
     # On a coarse grid, so that some triangles become degenerate and others cease to be.

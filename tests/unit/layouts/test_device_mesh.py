@@ -14,6 +14,8 @@ from clbvh import Mesh, MeshError, Scene, Tracer, build, make_shape
 
 from ...rays import hard_rays
 
+pytestmark = pytest.mark.on_opencl
+
 
 @pytest.fixture
 def queue(session):

@@ -11,16 +11,18 @@ import pytest
 
 from clbvh import ConfigError, DeviceHits, Mesh, MeshError, QueryError, Scene, Spheres, Tracer, make_shape
 from clbvh.structs import PACKED_RAY, RAY_LOW
-from clbvh.trace.launch import device_casts_all
 from clbvh.trace.put_rays import cut_batch, put_rays
 from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import read_device_rays, read_rays
 from clbvh.trace.rays.pack import pack_rays
 
 from ...concurrency.threads import run_in_threads
+from ...packing import device_packs
+
+pytestmark = pytest.mark.on_opencl
 
 # A CPU packs rays and refines hits as the host; with the first, its kernels do, as those of a GPU.
-WAYS = pytest.mark.parametrize("way", [device_casts_all, nullcontext], ids=["kernels", "host"])
+WAYS = pytest.mark.parametrize("way", [device_packs, nullcontext], ids=["kernels", "host"])
 
 RAYS = 6000
 
@@ -83,7 +85,7 @@ def test_kernels_pack_and_refine_to_the_bits_of_the_host(kind, seed, monkeypatch
     mesh, source = hard_world(kind, seed)
     rays, limits = extreme_rays(mesh, seed)
     options = limits | {"mask": np.arange(RAYS) % 8}
-    with Tracer(source) as tracer, device_casts_all():
+    with Tracer(source) as tracer, device_packs():
         hits = tracer.closest_hit(*rays, **options)
         assert RAYS / 4 < hits.count < RAYS
         assert as_bytes(tracer.closest_hit(*rays, **options, out="device")) == as_bytes(hits)
@@ -144,7 +146,7 @@ def test_arrays_of_any_shape_and_number_are_read_where_they_are(open_tracer, sou
 
 
 def test_nothing_but_small_numbers_crosses_the_bus(mesh, rays, traffic):
-    with Tracer(mesh) as tracer, device_casts_all():
+    with Tracer(mesh) as tracer, device_packs():
         vertices = put(tracer, mesh.vertices.astype("f4"))[0]
         tracer.update(vertices)
         there = put(tracer, *rays)
@@ -160,13 +162,13 @@ def test_nothing_but_small_numbers_crosses_the_bus(mesh, rays, traffic):
 
 
 def test_the_vertices_are_put_there_once_and_counted(world, rays):
-    with Tracer(world) as tracer, device_casts_all():
+    with Tracer(world) as tracer, device_packs():
         assert as_bytes(tracer.closest_hit(*rays, out="device")) == as_bytes(tracer.closest_hit(*rays))  # has spheres
     scene = Scene()
     ball = scene.add(make_shape("icosphere", triangles=5120))
     scene.place(ball)
     scene.place(ball, np.diag([2, 2, 2, 1]))
-    with Tracer(scene) as tracer, device_casts_all():
+    with Tracer(scene) as tracer, device_packs():
         before, shape = tracer.memory_bytes, tracer._caster.world.state.shapes[0]
         tracer.closest_hit(*rays, out="device")
         vertices = tracer._caster.world.refine_buffers._kept["vertices"][1]
@@ -234,7 +236,7 @@ def test_the_way_over_the_host_is_said_once(case, mesh, rays, session, monkeypat
     scene = Scene(mesh)
     if case == "spheres":
         scene.place(scene.add(Spheres([[0, 0, 1]], 0.2)))
-    with Tracer(scene) as tracer, device_casts_all(), caplog.at_level(logging.WARNING, "clbvh"):
+    with Tracer(scene) as tracer, device_packs(), caplog.at_level(logging.WARNING, "clbvh"):
         queue = cl.CommandQueue(cl.Context([session.info.cl_device])) if case == "other context" else tracer.queue
         if case == "no doubles":
             own = tracer._caster.session
@@ -250,7 +252,7 @@ def test_threads_share_the_arrays_on_the_device(mesh, rays):
         there, expected = put(tracer, *rays), as_bytes(tracer.closest_hit(*rays))
 
         def ask():
-            with device_casts_all():
+            with device_packs():
                 return [as_bytes(tracer.closest_hit(*there, out="device")) for _ in range(5)]
 
         assert all(found == expected for each in run_in_threads(*[ask] * 4) for found in each)
@@ -261,7 +263,7 @@ def test_of_several_devices_the_first_casts_rays_in_its_arrays(mesh, rays):
         devices = cl.get_platforms()[0].get_devices()[0].create_sub_devices([cl.device_partition_property.EQUALLY, 1])
     except cl.Error as error:
         pytest.skip(f"the CPU has no parts: {error}")
-    with Tracer(mesh, device=devices[:2]) as tracer, device_casts_all():
+    with Tracer(mesh, device=devices[:2]) as tracer, device_packs():
         assert tracer.queue.context == tracer.context
         assert as_bytes(tracer.closest_hit(*put(tracer, *rays), out="device")) == as_bytes(tracer.closest_hit(*rays))
         assert "kernel" in tracer._caster.all[0].session.times.sums_ms()

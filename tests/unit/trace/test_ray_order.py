@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from clbvh import Tracer, make_shape
-from clbvh.device.session import DeviceSession
 from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.trace import put_rays
 from clbvh.trace.hits import all_hits as all_hits_module
@@ -163,15 +162,15 @@ def expected(wide, picture):
 
 
 @pytest.fixture
-def launches(monkeypatch):
+def launches(session, monkeypatch):
     """What is launched from now on: name, work-items and work-group; no batch has too few rays for an order."""
-    launched, run = [], DeviceSession.run
+    launched, run = [], type(session).run
 
     def record(session, kernel, size, group, **arguments):
         launched.append((kernel.name, size, group))
         run(session, kernel, size, group, **arguments)
 
-    monkeypatch.setattr(DeviceSession, "run", record)
+    monkeypatch.setattr(type(session), "run", record)
     monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
     return launched
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh import ConfigError, DeviceMemoryError, QueryError, Renderer, Tracer
-from clbvh.device.session import DeviceSession
+from clbvh.device.host import session as host_session
 from clbvh.structs import HIT, PACKED_RAY
 from clbvh.trace import tracer as tracer_module
 from clbvh.trace.rays import pieces
@@ -34,19 +34,17 @@ def ask(tracer, query, rays):
     return [answer] if isinstance(answer, np.ndarray) else [getattr(answer, n) for n in names if hasattr(answer, n)]
 
 
-def record_allocations(monkeypatch):
+def record_allocations(session, monkeypatch):
     """A list that gets the size of every buffer from now on."""
-    sizes, allocate = [], DeviceSession.allocate
-    monkeypatch.setattr(
-        DeviceSession, "allocate", lambda self, size, **how: sizes.append(size) or allocate(self, size, **how)
-    )
+    sizes, kind, allocate = [], type(session), type(session).allocate
+    monkeypatch.setattr(kind, "allocate", lambda self, size, **how: sizes.append(size) or allocate(self, size, **how))
     return sizes
 
 
 def test_memory_is_that_of_one_chunk_at_most(session, mesh, rays, expected, monkeypatch):
     monkeypatch.setattr(pieces, "CHUNK_RAYS", 100)
     with Tracer(mesh, device=session.info) as opened:
-        sizes = record_allocations(monkeypatch)
+        sizes = record_allocations(session, monkeypatch)
         for count in (0, 7, 100, 10, 1000, 1000):
             assert_same(opened.closest_hit(rays[0][:count], rays[1][:count]), expected, slice(count))
         opened.any_hit(*rays)
@@ -62,7 +60,7 @@ def test_buffers_respect_the_largest_allocation(session, mesh, rays, expected, m
     """As on a device that allocates no more than 16 KiB at a time, apart from the tree."""
     with Tracer(mesh, device=session.info) as opened:
         opened._caster.session.info = dataclasses.replace(session.info, max_allocation_bytes=16384)
-        sizes = record_allocations(monkeypatch)
+        sizes = record_allocations(session, monkeypatch)
         for least_rays in (1 << 16, 100):  # which are not sorted, and which are
             monkeypatch.setattr(pieces, "LEAST_RAYS", least_rays)
             assert_same(opened.closest_hit(*rays), expected)
@@ -85,13 +83,23 @@ def test_what_cannot_be_opened_leaves_nothing_on_the_device(session, monkeypatch
 
 
 @pytest.fixture
-def limit(monkeypatch):
-    """A function that lets every session refuse buffers of more than some bytes, as a driver does."""
+def limit(session, monkeypatch):
+    """A function that lets every session refuse buffers of more than some bytes, as a driver or the system does."""
 
-    def set_limit(largest, error=-4):
+    def set_limit_of_host(largest, error=None):
+        refused.clear()
+
+        def check(subject, needed_bytes, kind, advice=""):
+            if needed_bytes > largest:
+                refused.append(needed_bytes)
+                raise kind(f"{subject} cannot hold a buffer of {needed_bytes}: {advice}")
+
+        monkeypatch.setattr(host_session, "check_memory", check)
+
+    def set_limit_of_driver(largest, error=-4):
         import pyopencl as cl
 
-        from clbvh.device.session import _buffer_type
+        from clbvh.device.opencl_session import _buffer_type
 
         refused.clear()
 
@@ -103,6 +111,7 @@ def limit(monkeypatch):
 
         monkeypatch.setattr(_buffer_type(), "__init__", allocate_some)
 
+    set_limit = set_limit_of_host if session.info.is_host else set_limit_of_driver
     refused = set_limit.refused = []
     return set_limit
 

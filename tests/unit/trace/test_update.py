@@ -12,7 +12,6 @@ import trimesh
 
 from clbvh import DeviceMemoryError, MeshError, OpenMeshWarning, QueryError, Tracer, build, sah_cost
 from clbvh.device import program
-from clbvh.device.session import DeviceSession
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.world.refit import Refit
 
@@ -102,13 +101,13 @@ class TestResults:
 class TestResources:
     def test_buffers_and_kernels_are_kept(self, bvh, mesh, session, monkeypatch):
         sizes, compiled = [], []
-        allocate, compile_now = DeviceSession.allocate, program._compile
+        kind, allocate, compile_now = type(session), type(session).allocate, program._compile
         with Tracer(bvh, device=session.info) as tracer:
             once = tracer.memory_bytes
             tracer.closest_hit([[0, 0, 9]], [[0, 0, -1]])
             tracer.update(deform(mesh, 0))
             monkeypatch.setattr(
-                DeviceSession, "allocate", lambda self, size, **how: sizes.append(size) or allocate(self, size, **how)
+                kind, "allocate", lambda self, size, **how: sizes.append(size) or allocate(self, size, **how)
             )
             monkeypatch.setattr(program, "_compile", lambda *given: compiled.append(given) or compile_now(*given))
             for frame in range(1, 20):
@@ -181,7 +180,7 @@ class TestFailures:
                 tracer.update(deform(mesh, 0))
             expected, moved, growth = answers(tracer), tracer.mesh, tracer.sah_growth
             for error, owner, name, fault in (
-                *([(DeviceMemoryError, DeviceSession, "allocate", refuse)] if is_first else []),
+                *([(DeviceMemoryError, type(tracer._caster.session), "allocate", refuse)] if is_first else []),
                 (KeyboardInterrupt, Refit, "write", write_half),
             ):
                 with monkeypatch.context() as patch:

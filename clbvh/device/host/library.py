@@ -1,0 +1,293 @@
+"""The library of compiled kernels: found, checked against its sources, and its entries.
+
+A wheel carries it. A checkout compiles it when it is installed; there it may be older than the kernels, and is then
+compiled anew, if a compiler is at hand.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import struct
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import ConfigError, DeviceError, InternalError
+from ...support.folders import find_folder, is_writable
+from ...support.forks import make_lock
+from ...support.say_once import say_compiling
+from ..sources import expand_shipped, find_arguments
+from .variants import FIXED, Variant
+
+LEVEL_VARIABLE = "CLBVH_HOST_LEVEL"
+LIBRARY_VARIABLE = "CLBVH_HOST_LIBRARY"
+# Set where kernels are compiled when they are asked for, whatever the library holds: with a fault planted in a file
+# that many include, a test asks for few of them.
+ON_DEMAND_VARIABLE = "CLBVH_HOST_ON_DEMAND"
+
+_PACKAGE = Path(__file__).resolve().parents[2]
+_REBUILD = "`pip install --editable .` in the checkout, or `python -m clbvh.device.host`"
+
+# Of the file with the library's own facts, see host/compile.py.
+_MOST_FACT_BYTES = 256
+
+# The slot of an argument by its C type; a buffer is its address.
+_SLOTS = {"int": "i4x", "uint": "I4x", "float": "f4x", "double": "d", None: "Q"}
+
+_Entry = Any
+
+
+def library_path() -> Path:
+    """Return where the library is, or would be: `CLBVH_HOST_LIBRARY`, or the package's own."""
+    from .compile import library_name
+
+    if path := os.environ.get(LIBRARY_VARIABLE):
+        return Path(path)
+    return _PACKAGE / "compiled" / library_name()
+
+
+class HostBuffer:
+    """Memory of the host device.
+
+    Attributes
+    ----------
+    array : (size,) uint8, or None
+        None once it was given back.
+    address : int or None
+    size : int
+        In bytes.
+    """
+
+    __slots__ = ("__weakref__", "address", "array", "size")
+
+    def __init__(self, array: NDArray[np.uint8]) -> None:
+        self.size = array.nbytes
+        self.array: Any = array
+        self.address: int | None = array.ctypes.data
+
+
+class HostKernel:
+    """An entry of the library that takes its arguments by name, from any thread.
+
+    Parameters
+    ----------
+    name : str
+    arguments : mapping of str to str or None
+        The C types of those that are numbers.
+    entry : function
+        ``entry(launch, first_group, end_group)``, see host/compile.py.
+    """
+
+    def __init__(self, name: str, arguments: Mapping[str, str | None], entry: _Entry) -> None:
+        self.name = name
+        self.argument_names = tuple(arguments)
+        self.entry = entry
+        self._slots = tuple((name, kind is None) for name, kind in arguments.items())
+        self._pack = struct.Struct("<4i" + "".join(_SLOTS[kind] for kind in arguments.values())).pack
+
+    def bind(self, shape: tuple[int, int, int, int], arguments: Mapping[str, Any]) -> bytes:
+        """Return what the entry is given.
+
+        Raises
+        ------
+        InternalError
+            A name is missing, the kernel has no argument of that name, or the argument is of another kind.
+        """
+        try:
+            values = [
+                _as_address(arguments[name]) if is_address else arguments[name] for name, is_address in self._slots
+            ]
+            if len(arguments) == len(values):
+                return self._pack(*shape, *values)
+        except KeyError:
+            pass
+        except (TypeError, AttributeError, struct.error) as error:
+            raise InternalError(f"the kernel '{self.name}' does not take an argument: {error}") from error
+        differing = sorted(arguments.keys() ^ set(self.argument_names))
+        raise InternalError(
+            f"the kernel '{self.name}' takes {', '.join(self.argument_names)}: missing or unknown are "
+            f"{', '.join(differing)}"
+        )
+
+
+def _as_address(value: Any) -> Any:
+    """Return the address of a buffer or an array; 0 for none."""
+    if value.__class__ is HostBuffer:
+        if value.address is None:
+            raise TypeError("a buffer that was given back")
+        return value.address
+    if value is None:
+        return 0
+    if not isinstance(value, np.ndarray):
+        raise TypeError(f"no buffer, but {value!r}")
+    if not value.flags.c_contiguous:
+        raise TypeError("an array that is not contiguous")
+    return value.ctypes.data
+
+
+class HostLibrary:
+    """The opened library.
+
+    Attributes
+    ----------
+    path : Path
+    levels : tuple of str
+        The levels of processors that it has code for, from the lowest up.
+    level : str
+        The one that runs here.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._library = ctypes.CDLL(str(path))
+        except OSError as error:
+            raise DeviceError(
+                f"the compiled kernels cannot be loaded ({error}): reinstall clbvh, or {_REBUILD}"
+            ) from error
+        facts = (ctypes.c_char * _MOST_FACT_BYTES).in_dll(self._library, "clbvh_facts").value.decode()
+        self.digest, *levels = facts.split()
+        self.path, self.levels = path, tuple(levels)
+        self.level = self._choose_level(int(self._library.clbvh_level()))
+        self._kernels: dict[Variant, dict[str, HostKernel]] = {}
+        self._programs: dict[tuple[str, tuple[tuple[str, int], ...]], dict[str, HostKernel]] = {}
+
+    def _choose_level(self, processor: int) -> str:
+        usable = [level for level in self.levels if not level[1:].isdecimal() or int(level[1:]) <= processor]
+        if asked := os.environ.get(LEVEL_VARIABLE):
+            if asked not in usable:
+                raise ConfigError(
+                    f"{LEVEL_VARIABLE}={asked}: this processor and this library have {', '.join(usable) or 'none'}"
+                )
+            return asked
+        if not usable:
+            raise DeviceError(
+                f"this processor is older than the compiled kernels, which need x86-64-{self.levels[0]}: {_REBUILD} "
+                "compiles them for it"
+            )
+        return usable[-1]
+
+    def kernels(self, name: str, macros: Mapping[str, int]) -> dict[str, HostKernel]:
+        """Return the kernels of a file by their names.
+
+        Raises
+        ------
+        InternalError
+            The table of variants has no such macros.
+        """
+        variant = Variant.of(name, macros)
+        if os.environ.get(ON_DEMAND_VARIABLE):
+            return self.compile(expand_shipped(f"kernels/{name}.cl"), FIXED | dict(variant.macros))
+        if variant not in self._kernels:
+            arguments = find_arguments(expand_shipped(f"kernels/{name}.cl"))
+            self._kernels[variant] = {
+                kernel: HostKernel(
+                    kernel, arguments[kernel], _find(self._library, f"{self.level}_{variant.entry(kernel)}")
+                )
+                for kernel in arguments
+            }
+        return self._kernels[variant]
+
+    def compile(self, source: str, macros: Mapping[str, int]) -> dict[str, HostKernel]:
+        """Return the kernels of an expanded source that does not ship with clbvh, compiled for the same processor.
+
+        Raises
+        ------
+        DeviceError
+            There is no compiler.
+        KernelBuildError
+            It refuses.
+        """
+        from .compile import build_program, find_objects
+
+        key = source, tuple(sorted(macros.items()))
+        if key not in self._programs:
+            library = ctypes.CDLL(str(build_program(find_objects(), source, dict(key[1]), self.level)))
+            self._programs[key] = {
+                kernel: HostKernel(kernel, arguments, _find(library, f"{self.level}_{kernel}"))
+                for kernel, arguments in find_arguments(source).items()
+            }
+        return self._programs[key]
+
+
+def _find(library: ctypes.CDLL, entry: str) -> _Entry:
+    try:
+        function = library[entry]
+    except AttributeError:
+        raise InternalError(f"the library for the host has no kernel {entry}: see host/variants.py") from None
+    function.argtypes = (ctypes.c_char_p, ctypes.c_long, ctypes.c_long)
+    function.restype = None
+    return function
+
+
+_opening = make_lock()
+
+
+@cache
+def _open(path: Path) -> HostLibrary:
+    return HostLibrary(path)
+
+
+def open_library() -> HostLibrary:
+    """Return the library, compiled first where a checkout has none that fits its kernels.
+
+    Raises
+    ------
+    DeviceError
+        There is none, and it cannot be compiled; or this processor is too old.
+    """
+    with _opening:
+        path = library_path()
+        is_taken_as_it_is = not _is_checkout() or bool(os.environ.get(ON_DEMAND_VARIABLE))
+        if not (path.is_file() and (is_taken_as_it_is or _is_newer(path) or _fits(path))):
+            _rebuild(path)
+        return _open(path)
+
+
+def _is_checkout() -> bool:
+    return find_folder("cl").parent != _PACKAGE
+
+
+def _is_newer(path: Path) -> bool:
+    """Return whether no source has changed after the library was compiled."""
+    own = Path(__file__).parent
+    sources = [*find_folder("cl").rglob("*.c*"), *own.glob("*.py"), _PACKAGE / "structs.py", _PACKAGE / "choices.py"]
+    return path.stat().st_mtime > max(source.stat().st_mtime for source in sources)
+
+
+def _fits(path: Path) -> bool:
+    from .compile import find_digest
+
+    return find_digest().encode() in path.read_bytes()
+
+
+def _rebuild(path: Path) -> None:
+    """Compile the library of a checkout for this processor."""
+    from .compile import build_library, find_compiler, find_level, find_objects
+
+    if not _is_checkout() or find_compiler() is None or not is_writable(path.parent):
+        what = "do not fit their sources" if path.is_file() else "are missing"
+        raise DeviceError(f"the compiled kernels {what}: {_REBUILD} compiles them")
+    with _one_process(path):
+        if not path.is_file() or not _fits(path):
+            say_compiling("compiling the kernels for this processor, which takes a minute")
+            build_library(path, find_objects(), [find_level()])
+
+
+@contextmanager
+def _one_process(path: Path) -> Iterator[None]:
+    """Let one process at a time compile the library."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        import fcntl
+    except ImportError:  # Windows: two may compile it, and the later one stays
+        yield
+        return
+    with path.with_suffix(".lock").open("w") as file:
+        fcntl.lockf(file, fcntl.LOCK_EX)  # not `flock`, which a forked child would hold as well
+        yield

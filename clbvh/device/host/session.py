@@ -1,0 +1,188 @@
+"""The host, opened as a device: buffers are its own memory, and its threads run the kernels."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
+from itertools import count
+from pathlib import Path
+from typing import Any
+from weakref import WeakSet
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import DeviceMemoryError
+from ...support.memory import check_memory
+from ..info import DeviceInfo
+from ..session import DeviceSession
+from ..sources import expand_source
+from ..times import CommandTimes
+from .library import HostBuffer, HostKernel, HostLibrary, open_library
+
+# Of a vector register, and of a line of a cache.
+_ALIGNMENT = 64
+
+# Bands of work-groups that each thread takes, if all are equally quick: between two of them Ctrl-C is heard.
+_BANDS = 16
+
+# Work-groups of many items are worth a thread from this number on: to wake one takes as long as half of them. A
+# work-group of few items is work for a thread.
+_LEAST_GROUPS = 16
+_MANY_ITEMS = 16
+
+_MS_PER_S = 1e3
+
+
+class HostSession(DeviceSession):
+    """The host as a device; see `DeviceSession`.
+
+    It works in a forked child, and no buffer is too large for it.
+    """
+
+    _library: HostLibrary
+
+    def __init__(
+        self,
+        info: DeviceInfo,
+        parent: HostSession | None = None,
+        times: CommandTimes | None = None,
+        thread_count: int | None = None,
+    ) -> None:
+        super().__init__(info, parent, times, thread_count)
+        self._library = open_library() if parent is None else parent._library
+        self._is_branch = parent is not None
+        self._buffers: WeakSet[HostBuffer] = WeakSet()
+
+    def branch(self, times: CommandTimes | None = None) -> HostSession:
+        """See `DeviceSession`."""
+        return type(self)(self.info, self, times)
+
+    @property
+    def buffer_count(self) -> int:
+        """See `DeviceSession`."""
+        return len(self._buffers)
+
+    def kernels(
+        self, name: str, defines: Mapping[str, int] | None = None, *, folder: Path | None = None
+    ) -> Mapping[str, HostKernel]:
+        """See `DeviceSession`; compiled ahead of time, and those of another folder now."""
+        if folder is not None:
+            return self._library.compile(expand_source(f"kernels/{name}.cl", folder), defines or {})
+        return self._library.kernels(name, defines or {})
+
+    def allocate(self, size: int, *, writable: bool = True, for_mapping: bool = False) -> HostBuffer:
+        """See `DeviceSession`."""
+        buffer = HostBuffer(self._make_bytes(size))
+        self._buffers.add(buffer)
+        return buffer
+
+    def _make_bytes(self, size: int) -> NDArray[np.uint8]:
+        check_memory(f"a buffer of the device '{self.info.name}'", size, DeviceMemoryError, "try a smaller job")
+        try:
+            memory = np.empty(size + _ALIGNMENT, np.uint8)
+        except MemoryError as error:
+            raise DeviceMemoryError(f"the device '{self.info.name}' has no memory left: {error}") from None
+        begin = -memory.ctypes.data % _ALIGNMENT
+        return memory[begin : begin + size]
+
+    def make_array(self, shape: tuple[int, ...], dtype: Any, values: NDArray[Any] | None = None) -> NDArray[Any]:
+        """See `DeviceSession`; a numpy array."""
+        item = np.dtype(dtype)
+        array = self._make_bytes(int(np.prod(shape)) * item.itemsize).view(item).reshape(shape)
+        if values is not None:
+            array[...] = values
+        return array
+
+    def memory_of(self, array: NDArray[Any]) -> NDArray[Any]:
+        """See `DeviceSession`."""
+        return array
+
+    def release(self, buffer: HostBuffer) -> None:
+        """See `DeviceSession`."""
+        self._buffers.discard(buffer)
+        buffer.array = buffer.address = None
+
+    def write(self, buffer: HostBuffer, array: NDArray[Any], *, begin: int = 0) -> None:
+        """See `DeviceSession`."""
+        if array.nbytes:
+            self._move("upload", _part(buffer, begin, array.nbytes), _bytes_of(np.ascontiguousarray(array)))
+
+    def copy(
+        self, source: HostBuffer, target: HostBuffer, size: int, *, source_begin: int = 0, target_begin: int = 0
+    ) -> None:
+        """See `DeviceSession`."""
+        if size > 0:
+            self._move("upload", _part(target, target_begin, size), _part(source, source_begin, size))
+
+    def download(self, buffer: HostBuffer, into: NDArray[Any], *, begin: int = 0) -> None:
+        """See `DeviceSession`."""
+        if into.nbytes:
+            self._move("download", _bytes_of(into), _part(buffer, begin, into.nbytes))
+
+    def _move(self, label: str, target: NDArray[np.uint8], source: NDArray[np.uint8]) -> None:
+        begin_s = time.perf_counter()
+        target[:] = source
+        self.times.add(label, (time.perf_counter() - begin_s) * _MS_PER_S)
+
+    def mapped(
+        self, buffer: HostBuffer, item_count: int, dtype: np.dtype, *, write: bool, first: int = 0
+    ) -> AbstractContextManager[NDArray[Any]]:
+        """See `DeviceSession`; a view."""
+        # Not by `view`, which takes 2 us for structs.
+        return nullcontext(np.ndarray((item_count,), dtype, buffer.array, first * dtype.itemsize))
+
+    def finish(self) -> None:
+        """See `DeviceSession`; everything is done."""
+
+    def run(
+        self, kernel: HostKernel, work_size: tuple[int, ...], work_group: tuple[int, ...], **arguments: Any
+    ) -> None:
+        """See `DeviceSession`; returns when all work-items are done."""
+        begin_s = time.perf_counter()
+        columns, group_columns = work_size[0], work_group[0]
+        rows, group_rows = (work_size[1], work_group[1]) if len(work_size) > 1 else (1, 1)
+        shape = -(-columns // group_columns), -(-rows // group_rows), group_columns, group_rows
+        launch, entry, group_count = kernel.bind(shape, arguments), kernel.entry, shape[0] * shape[1]
+        least = _LEAST_GROUPS if group_columns * group_rows >= _MANY_ITEMS else 1
+        thread_count = min(self.threads.count, group_count // least)
+        size = max(least, -(-group_count // (_BANDS * max(thread_count, 1))))
+        # The next band, from any thread: a step of the counter is one of the interpreter's.
+        begins = count(0, size)
+
+        is_stopped: list[bool] = []
+
+        def run_bands() -> None:
+            try:
+                while not is_stopped and (begin := next(begins)) < group_count:
+                    entry(launch, begin, min(begin + size, group_count))
+            except BaseException:  # Ctrl-C: the other threads must not do the rest
+                is_stopped.append(True)
+                raise
+
+        if thread_count > 1:
+            self.threads.run(run_bands, [()] * thread_count)
+        else:
+            run_bands()
+        self.times.add("kernel", (time.perf_counter() - begin_s) * _MS_PER_S)
+
+    def close(self) -> None:
+        """See `DeviceSession`."""
+        self.is_closed = True
+        for buffer in list(self._buffers):
+            self.release(buffer)
+        if not self._is_branch:
+            self.threads.close()
+
+    def check_process(self) -> None:
+        """See `DeviceSession`; nothing is refused."""
+
+
+def _part(buffer: Any, begin: int, size: int) -> NDArray[np.uint8]:
+    """Return some bytes of a buffer, or of an array of `make_array`."""
+    return (buffer.array if isinstance(buffer, HostBuffer) else _bytes_of(buffer))[begin : begin + size]
+
+
+def _bytes_of(array: NDArray[Any]) -> NDArray[np.uint8]:
+    return array.reshape(-1).view(np.uint8)

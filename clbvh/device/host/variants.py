@@ -1,0 +1,116 @@
+"""The table of what the library for the host holds: files of kernels, and the macros that each is compiled with.
+
+What is a macro for the registers of a GPU is a branch here where that costs nothing, so that a few variants serve all
+that callers ask for. The build, the loader and the tests work from this table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import NamedTuple
+
+from ...choices import REPORT_SHADINGS, SHADINGS
+from ...structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, LAYOUTS
+
+# Of every kernel, whatever is asked for: a longer stack costs no time. Trees that need more are refused.
+FIXED = {"STACK_SIZE": 1024, "TOP_STACK_SIZE": 64}
+
+# Parts of pictures, which few views need; a ground is under most paths.
+_PICTURE_PARTS = ("HAS_CUT", "HAS_WIREFRAME")
+_SAMPLE_PARTS = (*_PICTURE_PARTS, "HAS_CUTOUTS", "HAS_NORMAL_MAPS")
+_PARTS = {"render": _PICTURE_PARTS, "render_samples": _SAMPLE_PARTS}
+
+# The host's own layout. Pictures of it without any of the parts have kernels without them, which takes 12 to 15 % less
+# time; all others have one kernel with all parts, in which large functions are called, see cl/math/inlined.cl.
+_OWN_LAYOUT = LAYOUTS["bvh8"]
+
+# A work-group is one thread, so that no kernel waits for others at a barrier.
+SORT_DIGIT_BITS = 10
+_UNGROUPED = {"GROUPED": 0, "GROUP_SIZE": 1}
+
+_OF_WORLDS = (
+    "ambient_occlusion", "any_hit", "closest_hit", "closest_point", "closest_points", "count_hits", "count_steps",
+    "depth", "first_hits", "inside",
+)  # fmt: skip
+_ENTRY_POINTS = ("tile_entry_points", "view_entry_points")
+_OF_NO_WORLD = ("add_samples", "develop", "meet_boxes", "refine_hits", "settle_tiles")
+
+
+class Variant(NamedTuple):
+    """A file of kernels and its macros.
+
+    Attributes
+    ----------
+    name : str
+        Of the file below ``cl/kernels``, without its ending.
+    macros : tuple of (str, int)
+        In alphabetical order, without those of `FIXED`.
+    """
+
+    name: str
+    macros: tuple[tuple[str, int], ...]
+
+    @classmethod
+    def of(cls, name: str, macros: Mapping[str, int]) -> Variant:
+        """Return the variant of a file that serves those who ask for these macros."""
+        chosen = {macro: value for macro, value in macros.items() if macro not in FIXED}
+        if chosen.get("LONE") == 0:
+            chosen["HAS_SPHERES"] = 1
+        if "LONE" in chosen:
+            chosen.setdefault("EXACT", 0)
+        if name == "pack_rays":
+            chosen.setdefault("EXACT", 0)
+        if name in _PARTS:
+            is_plain = chosen["LAYOUT"] == _OWN_LAYOUT and not chosen["EXACT"]
+            is_plain = is_plain and not any(chosen.get(part, 0) for part in _PARTS[name])
+            chosen |= dict.fromkeys(_PARTS[name], int(not is_plain)) | {"CALLS": int(not is_plain)}
+        if name == "render_samples":
+            chosen["HAS_GROUND"] = int(chosen["SHADING"] == SHADINGS["path"])
+        return cls(name, tuple(sorted(chosen.items())))
+
+    def entry(self, kernel: str) -> str:
+        """Return the name of a kernel's entry in the library, without that of the processor's level."""
+        return "_".join([kernel, *(f"{macro}{value}" for macro, value in self.macros)])
+
+
+def list_variants() -> list[Variant]:
+    """Return all variants, without repetitions, those first that take longest to compile."""
+    return list(dict.fromkeys(_list_all()))
+
+
+def _list_all() -> Iterator[Variant]:
+    worlds = [
+        {"LAYOUT": number, "LONE": lone, "HAS_SPHERES": spheres, "EXACT": exact}
+        for number, (lone, spheres), exact in product(LAYOUTS.values(), ((1, 0), (1, 1), (0, 1)), (0, 1))
+    ]
+    for shading, world, has_cut in product(SHADINGS, worlds, (0, 1)):
+        if shading not in REPORT_SHADINGS:
+            yield Variant.of("render_samples", world | {"SHADING": SHADINGS[shading], "HAS_CUT": has_cut})
+    for world in worlds:
+        yield Variant.of("render", world)
+        yield Variant.of("render", world | {"HAS_CUT": 1})
+        for name in _OF_WORLDS:
+            yield Variant.of(name, world)
+        if world["LAYOUT"] in (LAYOUTS[layout] for layout in ENTRY_POINT_LAYOUTS):
+            for name in _ENTRY_POINTS:
+                yield Variant.of(name, world)
+        if world["LONE"]:
+            yield Variant.of("closest_in_shard", world)
+    widths = sorted(set(LAYOUT_WIDTHS.values()))
+    for width, as_rows, by_prefix in product(widths, (0, 1), (0, 1)):
+        if width == widths[0] or not as_rows:
+            form = {"TREE_WIDTH": width, "AS_ROWS": as_rows, "BY_PREFIX": by_prefix}
+            yield Variant.of("build_tree", form | _UNGROUPED)
+    for width in widths:
+        yield Variant.of("refit_nodes", {"TREE_WIDTH": width})
+        block_width = width if width > widths[0] else 1
+        for has_spheres, has_fp64 in ((0, 0), (0, 1), (1, 0)):
+            macros = {"BLOCK_WIDTH": block_width, "HAS_SPHERES": has_spheres, "HAS_FP64": has_fp64}
+            yield Variant.of("write_blocks", macros)
+    yield Variant.of("radix_sort", {"DIGIT_BITS": SORT_DIGIT_BITS, "GROUP_SIZE": 1})
+    for value in (0, 1):
+        yield Variant.of("take_mesh", {"IS_DOUBLE": value})
+        yield Variant.of("pack_rays", {"EXACT": value})
+    for name in _OF_NO_WORLD:
+        yield Variant.of(name, {})

@@ -1,1 +1,0 @@
-"""Rays that the host casts itself, at the arrays of the device's tree."""

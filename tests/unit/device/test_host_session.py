@@ -1,0 +1,101 @@
+"""The host as a device: what a kernel cannot be given is refused before it runs, and buffers are the host's memory."""
+
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+
+from clbvh import DeviceMemoryError, InternalError, Tracer
+from clbvh.device.open import open_device
+
+from ...packing import device_packs
+
+SOURCE = (
+    "kernel void scale_rows(global float *x, const float factor, const int count)\n{\n"
+    + """
+    const int i = get_global_id(0) + get_global_id(1) * get_global_size(0);
+    if (i < count) {
+        x[i] *= factor;
+    }
+}
+"""
+)
+
+COUNT = 10_001
+
+
+@pytest.fixture
+def host():
+    with open_device("host") as opened:
+        yield opened
+
+
+@pytest.fixture
+def scale_rows(host, tmp_path):
+    """The kernel of the source above."""
+    (tmp_path / "kernels").mkdir()
+    (tmp_path / "kernels" / "scale_rows.cl").write_text(SOURCE)
+    return host.kernel("scale_rows", folder=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("size", "group"), [((COUNT,), (64,)), ((COUNT,), (1,)), ((101, 100), (8, 8)), ((COUNT, 1), (32, 1))]
+)
+def test_every_item_runs_once(host, scale_rows, size, group):
+    values = np.arange(COUNT, dtype=np.float32)
+    buffer, found = host.upload(values), np.empty_like(values)
+    host.run(scale_rows, size, group, x=buffer, factor=np.float32(3), count=np.int32(COUNT))
+    host.download(buffer, found)
+    np.testing.assert_array_equal(found, 3 * values)
+    assert host.times.sums_ms()["kernel"] > 0
+
+
+def test_what_a_kernel_cannot_be_given_is_refused(host, scale_rows):
+    buffer, released = host.allocate(64), host.allocate(64)
+    host.release(released)
+    good = {"x": buffer, "factor": np.float32(1), "count": np.int32(16)}
+    for wrong, words in (
+        ({"row": 1}, "takes x, factor, count: missing or unknown are row"),
+        ({"x": released}, "given back"),
+        ({"x": np.zeros((4, 4), np.float32).T[::2]}, "not contiguous"),
+        ({"count": 1.5}, "does not take an argument"),
+        ({"factor": buffer}, "does not take an argument"),
+        ({"x": np.int32(5)}, "no buffer"),
+    ):
+        with pytest.raises(InternalError, match=words):
+            host.run(scale_rows, (16,), (16,), **good | wrong)
+    with pytest.raises(InternalError, match="missing or unknown are count"):
+        host.run(scale_rows, (16,), (16,), x=buffer, factor=np.float32(1))
+    with pytest.raises(InternalError, match=r"has no kernel v?\w+_closest_hit_.*: see host/variants\.py"):
+        host.kernel("closest_hit", {"NONE": 1})
+
+
+def test_buffers_are_aligned_memory_of_the_host(host):
+    buffer = host.upload(np.arange(100))
+    assert buffer.address % 64 == 0
+    with host.mapped(buffer, 10, np.dtype(np.int64), write=True, first=5) as part:
+        part[:] = -1
+    with host.mapped(buffer, 100, np.dtype(np.int64), write=False) as whole:
+        assert whole.sum() == 4950 - sum(range(5, 15)) - 10
+    assert host.buffer_count == 1
+    with pytest.raises(DeviceMemoryError, match=r"need.* about .* MB of memory, but .* are free: try a smaller job"):
+        host.allocate(2**50)
+    host.close()
+    assert host.is_closed
+    assert host.buffer_count == 0
+    assert buffer.array is None
+
+
+@pytest.mark.parametrize("way", [device_packs, nullcontext], ids=["kernels", "host"])
+def test_hits_that_stay_on_the_device_are_arrays_of_numpy(world, way):
+    origins = np.random.default_rng(5).normal(size=(40, 50, 3)) * 4
+    with Tracer(world, device="host") as tracer:
+        assert tracer.context is tracer.queue is None
+        expected = tracer.closest_hit(origins, -origins)
+        with way():
+            hits = tracer.closest_hit(origins, -origins, out="device")
+    for name in ("t", "u", "v", "prim_id", "instance_id", "geometry_id"):
+        found = getattr(hits, name)
+        assert isinstance(found, np.ndarray)
+        np.testing.assert_array_equal(found, getattr(expected, name), name)
+    np.testing.assert_array_equal(hits.is_front, expected.is_front)
