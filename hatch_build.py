@@ -1,7 +1,7 @@
 """What is made when a package is built: the compiled kernels, the project's addresses, a README for a package index.
 
 The kernels are compiled for the processor of this machine; with `CLBVH_HOST_LEVELS=all`, for all
-levels, as a wheel for others needs them. Where they cannot be compiled, the package has none and needs a driver.
+levels, as a wheel for others needs them. On other systems than Linux the package has none, and needs a driver.
 
 On an index there is no repository around the README. With `CLBVH_PROJECT_URL`, the address of the published repository,
 its links and pictures become absolute, and the metadata names the addresses; without it, links become text and pictures

@@ -35,7 +35,7 @@ class DeviceInfo:
     is_available : bool
         False if the driver reports that the device or its compiler cannot be used.
     cl_device : pyopencl.Device
-        The handle; None in a description that comes from elsewhere, and in one that was copied or pickled.
+        The handle; None of the host, in a description that comes from elsewhere, and in one that was copied or pickled.
 
     Examples
     --------

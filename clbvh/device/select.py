@@ -187,7 +187,7 @@ def choose_device(spec: Any = None) -> DeviceInfo:
     if word in _HOST_WORDS or (spec is None and not _has_gpus()):
         try:
             return describe_host()
-        except DeviceError:
+        except (DeviceError, KernelBuildError):
             if word == HOST_PLATFORM:
                 raise  # otherwise a driver may serve
     check_process()

@@ -16,9 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..device.context import Kernel
 from ..device.radix_sort import sort_pairs
-from ..device.session import DeviceSession
+from ..device.session import DeviceSession, Kernel
 from ..support.context_manager import ContextManager
 from ..support.forks import make_lock
 from .running_calls import MemoryLoan, RunningCalls

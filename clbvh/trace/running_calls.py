@@ -50,11 +50,6 @@ class CallMemory:
         """Bytes of all buffers."""
         return sum(buffer.size for buffer in self._buffers.values())
 
-    def release_buffers(self) -> None:
-        """Give all buffers back; they are allocated again where they are needed."""
-        for buffer in self._buffers.values():
-            buffer.release()
-
     def release(self) -> None:
         """Give all buffers back; the memory cannot be used again."""
         self.session.close()

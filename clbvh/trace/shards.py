@@ -30,7 +30,6 @@ from ..structs import HIT, NO_PRIM, PACKED_RAY
 from ..support.compiled import compiled
 from ..support.context_manager import ContextManager
 from ..support.forks import make_lock
-from ..support.host_threads import HostThreads
 from .hits.all_hits import OFFSET_BITS, OFFSET_MASK, find_crossings, keep_order, refine_rays, running_sums
 from .hits.closest import CLOSEST_HIT, NO_LIMIT, count_hits
 from .hits.hits import AllHits, Hits
@@ -165,7 +164,7 @@ class ShardedTracer(ContextManager):
         self._boxes = np.array(boxes, np.float32).reshape(-1, 2, 3)
         self._session, self._layout, self._quality = open_device(device), layout, quality
         self._opened: _Opened | None = None
-        self._lock, self._threads = make_lock(), HostThreads()
+        self._lock = make_lock()
 
     @property
     def device(self) -> DeviceInfo:
@@ -182,7 +181,6 @@ class ShardedTracer(ContextManager):
         with self._lock:
             self._release()
             self._session.close()
-            self._threads.close()
 
     def closest_hit(
         self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
@@ -382,7 +380,7 @@ class ShardedTracer(ContextManager):
                 begin, end = begins[index], min(begins[index] + _COMPARED_ITEMS, len(limits))
                 compare(self._box, items, begin, end, boxes, limits[begin:end], bits[begin:end], sums[index])
 
-        self._threads.for_ranges(len(begins), compare_ranges, least_items=1)
+        self._session.threads.for_ranges(len(begins), compare_ranges, least_items=1)
         distances, counts = sums.sum(axis=0).T
         order = np.argsort(distances / np.maximum(counts, 1), kind="stable").tolist()
         return bits, [number for number in order if counts[number] > 0]

@@ -13,25 +13,30 @@ from __future__ import annotations
 
 import hashlib
 import os
-import platform
 import re
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
-from ...errors import DeviceError, InternalError, KernelBuildError
+from ...errors import ConfigError, DeviceError, KernelBuildError
 from ...support.folders import find_cache, find_folder
+from ...support.host_threads import usable_cores
 from ..sources import ENTRY_POINT, expand_shipped, expand_source, find_arguments
-from .variants import FIXED, Variant, list_variants
+from .variants import FIXED, Variant, list_variants, machine
 
 COMPILER_VARIABLE = "CLBVH_CLANG"
 OBJECTS_VARIABLE = "CLBVH_OBJECTS"
+
+# The beginning of an object's name.
+_NAME = re.compile(r"[0-9a-f]{32}\b")
 
 # How long objects are kept after they were last needed.
 _KEPT_S = 30 * 24 * 3600
@@ -65,20 +70,9 @@ class Compiler(NamedTuple):
     version: str
 
 
-def machine() -> str:
-    """Return the kind of this machine's processor, as in `LEVELS`."""
-    name = platform.machine().lower()
-    return {"amd64": "x86_64", "arm64": "aarch64"}.get(name, name)
-
-
 def is_known_machine() -> bool:
-    """Return whether kernels can be compiled for processors of this kind."""
-    return machine() in LEVELS
-
-
-def library_name() -> str:
-    """Return the name of the library's file."""
-    return f"host-{machine()}.so"
+    """Return whether kernels can be compiled for this system and its processor."""
+    return sys.platform == "linux" and machine() in LEVELS
 
 
 def find_compiler() -> Compiler | None:
@@ -99,9 +93,11 @@ def find_compiler() -> Compiler | None:
 
 def _need_compiler() -> Compiler:
     if (compiler := find_compiler()) is None:
+        asked = os.environ.get(COMPILER_VARIABLE)
+        found = f"{asked} is none" if asked else "none is on the PATH, nor is there the package ziglang"
         raise DeviceError(
-            f"the kernels cannot be compiled: there is neither clang {_OLDEST_CLANG} or newer on the PATH, nor the "
-            f"package ziglang: `pip install ziglang`, or name a clang by {COMPILER_VARIABLE}"
+            f"the kernels cannot be compiled without clang {_OLDEST_CLANG} or newer, and {found}: "
+            f"`pip install ziglang`, or name a clang by {COMPILER_VARIABLE}"
         )
     return compiler
 
@@ -133,7 +129,7 @@ def build_library(
     levels : iterable of str
         Of `LEVELS`.
     jobs : int, optional
-        Compilers at a time; by default the number of processors.
+        Compilers at a time; by default the number of usable processors.
     variants : iterable of Variant
         By default all.
     macros : mapping of str to int, optional
@@ -148,6 +144,7 @@ def build_library(
     """
     compiler = _need_compiler()
     names = LEVELS[machine()]
+    levels = sorted(levels)
     chosen = list(variants) or list_variants()
     units = [_variant_unit(variant, level, names[level], macros or {}) for level in levels for variant in chosen]
     _link(compiler, target, objects, [*units, _level_unit(tuple(levels))], jobs)
@@ -186,12 +183,12 @@ def build_program(objects: Path, source: str, macros: Mapping[str, int], level: 
 def _link(compiler: Compiler, target: Path, objects: Path, units: Sequence[_Unit], jobs: int | None) -> None:
     """Compile the units, several at a time, and link them."""
     objects.mkdir(parents=True, exist_ok=True)
-    with ThreadPoolExecutor(jobs or os.cpu_count()) as pool:
+    with ThreadPoolExecutor(jobs or usable_cores()) as pool:
         made = list(pool.map(lambda unit: _compile(compiler, unit, objects), units))
     target.parent.mkdir(parents=True, exist_ok=True)
     linked = target.with_suffix(f".{os.getpid()}.tmp")
     listing = objects / f"{target.name}.{os.getpid()}.rsp"
-    listing.write_text("\n".join(map(str, made)))
+    listing.write_text("\n".join(f'"{path}"' for path in made))
     try:
         _run([*compiler.link, "-o", str(linked), f"@{listing}"])
         linked.replace(target)
@@ -273,9 +270,11 @@ def _compile(compiler: Compiler, unit: _Unit, folder: Path) -> Path:
     digest = _digest(compiler, unit)
     target = folder / f"{digest}.o"
     if target.exists():
-        os.utime(target)  # see `_forget_old`
+        with suppress(OSError):  # see `_forget_old`
+            os.utime(target)
     else:
-        source, made = folder / f"{digest}.{os.getpid()}{unit.ending}", folder / f"{digest}.{os.getpid()}.o"
+        own = f"{digest}.{os.getpid()}-{threading.get_ident()}"
+        source, made = folder / f"{own}{unit.ending}", folder / f"{own}.o"
         source.write_text(unit.text, encoding="utf-8")
         try:
             _run([*compiler.compile, *unit.options, str(source), "-o", str(made)])
@@ -287,33 +286,36 @@ def _compile(compiler: Compiler, unit: _Unit, folder: Path) -> Path:
 
 def _forget_old(folder: Path) -> None:
     """Remove what no library has needed for a month."""
-    for path in folder.iterdir():
-        if path.is_file() and time.time() - path.stat().st_mtime > _KEPT_S:
-            path.unlink(missing_ok=True)
+    for path in [*folder.glob("*.o"), *folder.glob("*.so")]:
+        with suppress(OSError):  # another process has been quicker, or the file is another user's
+            if _NAME.match(path.name) and time.time() - path.stat().st_mtime > _KEPT_S:
+                path.unlink()
 
 
 def _digest(compiler: Compiler, unit: _Unit) -> str:
     return hashlib.sha256("\0".join((compiler.version, *unit.options, unit.text)).encode()).hexdigest()[:32]
 
 
-def _run(command: list[str]) -> None:
+def _run(command: list[str]) -> str:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise KernelBuildError("host", " ".join(command), done.stderr)
+    return done.stdout
 
 
 def find_digest() -> str:
-    """Return a number of all that the library depends on: the kernels, the structs, and this module's options."""
-    folder = find_folder("cl")
-    digest = hashlib.sha256(repr((_OPTIONS, FIXED, _ENTRY)).encode())
-    for path in sorted(folder.rglob("*.c*")):
-        digest.update(f"{path.relative_to(folder)}\0".encode() + path.read_bytes())
-    digest.update(expand_source("structs.cl").encode() + repr(list_variants()).encode())
+    """Return a digest of everything that the library depends on."""
+    folder, own = find_folder("cl"), Path(__file__).parent
+    digest = hashlib.sha256(expand_source("structs.cl").encode() + repr(list_variants()).encode())
+    for path in (*sorted(folder.rglob("*.c*")), own / "compile.py", own / "library.py", own.parent / "sources.py"):
+        digest.update(f"{path.name}\0".encode() + path.read_bytes())
     return digest.hexdigest()[:32]
 
 
 # What the compiler defines for a processor of each level of x86-64, from the highest down.
-_MACROS = {"v4": ("__AVX512VL__", "__AVX512DQ__", "__AVX512BW__"), "v3": ("__AVX2__", "__FMA__", "__BMI2__"), "v2": ()}
+_V3 = ("__AVX2__", "__FMA__", "__BMI__", "__BMI2__", "__F16C__", "__LZCNT__", "__MOVBE__")
+_V4 = (*_V3, "__AVX512VL__", "__AVX512DQ__", "__AVX512BW__", "__AVX512CD__")
+_MACROS = {"v4": _V4, "v3": _V3, "v2": ()}
 
 
 def find_level() -> str:
@@ -329,12 +331,12 @@ def find_level() -> str:
     if machine() != "x86_64":
         return next(iter(LEVELS[machine()]))
     command = [*_need_compiler().compile, "-march=native", "-x", "c", "-dM", "-E", os.devnull]
-    macros = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    macros = _run(command)
     return next(level for level, needed in _MACROS.items() if all(f"{macro} " in macros for macro in needed))
 
 
 def check_levels(levels: Sequence[str]) -> None:
-    """Raise `InternalError` unless all are levels of this machine's kind of processor."""
+    """Raise `ConfigError` unless all are levels of this machine's kind of processor."""
     known = LEVELS.get(machine(), {})
     if unknown := [level for level in levels if level not in known]:
-        raise InternalError(f"{machine()} has no level {unknown[0]}, but {', '.join(known) or 'none'}")
+        raise ConfigError(f"{machine()} has no level {unknown[0]}, but {', '.join(known) or 'none'}")

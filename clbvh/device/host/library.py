@@ -11,7 +11,6 @@ import os
 import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +22,12 @@ from ...support.folders import find_folder, is_writable
 from ...support.forks import make_lock
 from ...support.say_once import say_compiling
 from ..sources import expand_shipped, find_arguments
-from .variants import FIXED, Variant
+from .variants import FIXED, Variant, library_name
 
 LEVEL_VARIABLE = "CLBVH_HOST_LEVEL"
 LIBRARY_VARIABLE = "CLBVH_HOST_LIBRARY"
-# Set where kernels are compiled when they are asked for, whatever the library holds: with a fault planted in a file
-# that many include, a test asks for few of them.
+# If set, kernels are compiled when they are asked for, and the library's are ignored: for faults that are planted in
+# files that many include.
 ON_DEMAND_VARIABLE = "CLBVH_HOST_ON_DEMAND"
 
 _PACKAGE = Path(__file__).resolve().parents[2]
@@ -45,8 +44,6 @@ _Entry = Any
 
 def library_path() -> Path:
     """Return where the library is, or would be: `CLBVH_HOST_LIBRARY`, or the package's own."""
-    from .compile import library_name
-
     if path := os.environ.get(LIBRARY_VARIABLE):
         return Path(path)
     return _PACKAGE / "compiled" / library_name()
@@ -172,6 +169,12 @@ class HostLibrary:
             )
         return usable[-1]
 
+    def fits(self) -> bool:
+        """Return whether it was made of the sources that are here."""
+        from .compile import find_digest
+
+        return self.digest == find_digest()
+
     def kernels(self, name: str, macros: Mapping[str, int]) -> dict[str, HostKernel]:
         """Return the kernels of a file by their names.
 
@@ -226,11 +229,7 @@ def _find(library: ctypes.CDLL, entry: str) -> _Entry:
 
 
 _opening = make_lock()
-
-
-@cache
-def _open(path: Path) -> HostLibrary:
-    return HostLibrary(path)
+_opened: dict[Path, HostLibrary] = {}
 
 
 def open_library() -> HostLibrary:
@@ -240,41 +239,36 @@ def open_library() -> HostLibrary:
     ------
     DeviceError
         There is none, and it cannot be compiled; or this processor is too old.
+    KernelBuildError
+        The compiler refuses.
     """
     with _opening:
         path = library_path()
-        is_taken_as_it_is = not _is_checkout() or bool(os.environ.get(ON_DEMAND_VARIABLE))
-        if not (path.is_file() and (is_taken_as_it_is or _is_newer(path) or _fits(path))):
-            _rebuild(path)
-        return _open(path)
+        if path not in _opened:
+            # One that a variable names, and that of a wheel, is taken as it is.
+            is_own = _is_checkout() and not any(map(os.environ.get, (LIBRARY_VARIABLE, ON_DEMAND_VARIABLE)))
+            library = HostLibrary(path) if path.is_file() else None
+            if library is None or (is_own and not library.fits()):
+                _rebuild(path)
+                library = HostLibrary(path)
+            _opened[path] = library
+        return _opened[path]
 
 
 def _is_checkout() -> bool:
     return find_folder("cl").parent != _PACKAGE
 
 
-def _is_newer(path: Path) -> bool:
-    """Return whether no source has changed after the library was compiled."""
-    own = Path(__file__).parent
-    sources = [*find_folder("cl").rglob("*.c*"), *own.glob("*.py"), _PACKAGE / "structs.py", _PACKAGE / "choices.py"]
-    return path.stat().st_mtime > max(source.stat().st_mtime for source in sources)
-
-
-def _fits(path: Path) -> bool:
-    from .compile import find_digest
-
-    return find_digest().encode() in path.read_bytes()
-
-
 def _rebuild(path: Path) -> None:
     """Compile the library of a checkout for this processor."""
-    from .compile import build_library, find_compiler, find_level, find_objects
+    from .compile import build_library, find_compiler, find_digest, find_level, find_objects
 
     if not _is_checkout() or find_compiler() is None or not is_writable(path.parent):
-        what = "do not fit their sources" if path.is_file() else "are missing"
+        what = "do not fit their sources" if path.is_file() else "are missing, and so is the host device"
         raise DeviceError(f"the compiled kernels {what}: {_REBUILD} compiles them")
     with _one_process(path):
-        if not path.is_file() or not _fits(path):
+        # Another process may have compiled it meanwhile.
+        if not path.is_file() or find_digest().encode() not in path.read_bytes():
             say_compiling("compiling the kernels for this processor, which takes a minute")
             build_library(path, find_objects(), [find_level()])
 

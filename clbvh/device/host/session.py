@@ -13,7 +13,7 @@ from weakref import WeakSet
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import DeviceMemoryError
+from ...errors import DeviceMemoryError, InternalError
 from ...support.memory import check_memory
 from ..info import DeviceInfo
 from ..session import DeviceSession
@@ -24,11 +24,10 @@ from .library import HostBuffer, HostKernel, HostLibrary, open_library
 # Of a vector register, and of a line of a cache.
 _ALIGNMENT = 64
 
-# Bands of work-groups that each thread takes, if all are equally quick: between two of them Ctrl-C is heard.
+# Bands of work-groups for each thread. Ctrl-C is heard between two of them.
 _BANDS = 16
 
-# Work-groups of many items are worth a thread from this number on: to wake one takes as long as half of them. A
-# work-group of few items is work for a thread.
+# Least work-groups of a band, where groups have many items: to wake a thread takes as long as half of them.
 _LEAST_GROUPS = 16
 _MANY_ITEMS = 16
 
@@ -131,7 +130,7 @@ class HostSession(DeviceSession):
     ) -> AbstractContextManager[NDArray[Any]]:
         """See `DeviceSession`; a view."""
         # Not by `view`, which takes 2 us for structs.
-        return nullcontext(np.ndarray((item_count,), dtype, buffer.array, first * dtype.itemsize))
+        return nullcontext(np.ndarray((item_count,), dtype, _bytes_of(buffer), first * dtype.itemsize))
 
     def finish(self) -> None:
         """See `DeviceSession`; everything is done."""
@@ -148,12 +147,13 @@ class HostSession(DeviceSession):
         least = _LEAST_GROUPS if group_columns * group_rows >= _MANY_ITEMS else 1
         thread_count = min(self.threads.count, group_count // least)
         size = max(least, -(-group_count // (_BANDS * max(thread_count, 1))))
-        # The next band, from any thread: a step of the counter is one of the interpreter's.
+        # The next band, from any thread: `next` of a counter is one step of the interpreter.
         begins = count(0, size)
-
         is_stopped: list[bool] = []
+        # The kernel has addresses alone. Whoever gives a buffer back meanwhile, its memory stays until the last band.
+        used = [each.array for each in arguments.values() if each.__class__ is HostBuffer]
 
-        def run_bands() -> None:
+        def run_bands(_used: list[Any] = used) -> None:
             try:
                 while not is_stopped and (begin := next(begins)) < group_count:
                     entry(launch, begin, min(begin + size, group_count))
@@ -181,8 +181,15 @@ class HostSession(DeviceSession):
 
 def _part(buffer: Any, begin: int, size: int) -> NDArray[np.uint8]:
     """Return some bytes of a buffer, or of an array of `make_array`."""
-    return (buffer.array if isinstance(buffer, HostBuffer) else _bytes_of(buffer))[begin : begin + size]
+    return _bytes_of(buffer)[begin : begin + size]
 
 
-def _bytes_of(array: NDArray[Any]) -> NDArray[np.uint8]:
-    return array.reshape(-1).view(np.uint8)
+def _bytes_of(memory: Any) -> NDArray[np.uint8]:
+    """Return the bytes of a buffer or an array."""
+    if memory.__class__ is HostBuffer:
+        if memory.array is None:
+            raise InternalError("a buffer of the host was given back, and is used")
+        return memory.array
+    if not memory.flags.c_contiguous:
+        raise InternalError("an array that is not contiguous is copied to or from the host device")
+    return memory.reshape(-1).view(np.uint8)

@@ -6,6 +6,7 @@ that callers ask for. The build, the loader and the tests work from this table.
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import NamedTuple
@@ -13,10 +14,13 @@ from typing import NamedTuple
 from ...choices import REPORT_SHADINGS, SHADINGS
 from ...structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, LAYOUTS
 
-# Of every kernel, whatever is asked for: a longer stack costs no time. Trees that need more are refused.
-FIXED = {"STACK_SIZE": 1024, "TOP_STACK_SIZE": 64}
+# Of every kernel of the host, whatever is asked for: a longer stack costs no time. Trees that need more are refused on
+# every device: a work-item's memory holds no more. No builder's tree is deeper than 64 levels, nor is the one over
+# instances.
+LONGEST_STACK, TOP_STACK_SIZE = 1024, 64
+FIXED = {"STACK_SIZE": LONGEST_STACK, "TOP_STACK_SIZE": TOP_STACK_SIZE}
 
-# Parts of pictures, which few views need; a ground is under most paths.
+# Parts of pictures, which few views need. Most pictures by `path` have a ground.
 _PICTURE_PARTS = ("HAS_CUT", "HAS_WIREFRAME")
 _SAMPLE_PARTS = (*_PICTURE_PARTS, "HAS_CUTOUTS", "HAS_NORMAL_MAPS")
 _PARTS = {"render": _PICTURE_PARTS, "render_samples": _SAMPLE_PARTS}
@@ -35,6 +39,17 @@ _OF_WORLDS = (
 )  # fmt: skip
 _ENTRY_POINTS = ("tile_entry_points", "view_entry_points")
 _OF_NO_WORLD = ("add_samples", "develop", "meet_boxes", "refine_hits", "settle_tiles")
+
+
+def machine() -> str:
+    """Return the kind of this machine's processor, as compilers name it."""
+    name = platform.machine().lower()
+    return {"amd64": "x86_64", "arm64": "aarch64"}.get(name, name)
+
+
+def library_name() -> str:
+    """Return the name of the library's file."""
+    return f"host-{machine()}.so"
 
 
 class Variant(NamedTuple):

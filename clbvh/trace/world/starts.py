@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...device.context import Kernel
-from ...device.session import DeviceSession
+from ...device.session import DeviceSession, Kernel
 from ...structs import TILE
 from .world import World
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh import Bvh
+from ...device.host.variants import LONGEST_STACK
 from ...device.info import DeviceInfo
 from ...device.select import choose_device
 from ...device.session import DeviceSession
@@ -47,10 +48,6 @@ BRUTE = "brute"
 # with 16 to 128 entries perform alike. Deeper trees get the next multiple of the step.
 _COMMON_STACK = {"bvh2": 32, "bvh4": 64, "bvh8": 96, "bvh8c": 96}
 _STACK_STEP = 16
-
-# A tree that needs a longer stack is refused: it would not fit a work-item's private memory. The trees of our builders,
-# at most 64 levels deep, need less in any layout.
-_LONGEST_STACK = 1024
 
 # The buffer of the blocks of each kind of primitives, by its number, and the most items that the device counts.
 _BLOCK_BUFFERS = {PRIM_KINDS["triangles"]: "blocks", PRIM_KINDS["spheres"]: "spheres"}
@@ -118,10 +115,10 @@ def pad_stack(layout: str, needed: int) -> int:
     ConfigError
         The tree needs more than a work-item has.
     """
-    if needed > _LONGEST_STACK:
+    if needed > LONGEST_STACK:
         raise ConfigError(
             f"the tree is too deep: as {layout} it needs a stack of {needed:,} entries, and the traversal's holds "
-            f"{_LONGEST_STACK:,}"
+            f"{LONGEST_STACK:,}"
         )
     return max(_COMMON_STACK.get(layout, _STACK_STEP), _STACK_STEP * math.ceil(needed / _STACK_STEP))
 

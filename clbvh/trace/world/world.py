@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh import Bvh
+from ...device.host.variants import TOP_STACK_SIZE
 from ...device.session import DeviceSession
 from ...errors import SceneError
 from ...geometry import Mesh, Shape
@@ -31,9 +32,6 @@ from .trees import BRUTE, DeviceTrees, NewTree, check_layout, choose_layout
 
 if TYPE_CHECKING:
     from ...builders.options import BuildOptions
-
-# No builder's tree is deeper, so that all worlds share one compiled kernel.
-_TOP_STACK_SIZE = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +175,7 @@ def make_defines(layout: str, stack_size: int, *, is_lone: bool, has_spheres: bo
     """Return the macros of every kernel that traverses a world; see cl/world/world.cl."""
     defines = {"LAYOUT": LAYOUTS[layout], "STACK_SIZE": stack_size, "LONE": int(is_lone)}
     defines["HAS_SPHERES"] = int(has_spheres)
-    return defines if is_lone else defines | {"TOP_STACK_SIZE": _TOP_STACK_SIZE}
+    return defines if is_lone else defines | {"TOP_STACK_SIZE": TOP_STACK_SIZE}
 
 
 def is_lone(state: SceneState) -> bool:
