@@ -38,15 +38,18 @@ class CustomBuildHook(BuildHookInterface):
         """Compile, and say what the package holds and where it runs."""
         if not self._is_for_here():
             return
-        compiler, folder = self._compiler(), Path(self.root) / "clbvh" / "compiled"
+        compiler = self._compiler()
+        from clbvh.device.host.variants import library_name
+
         has_all = os.environ.get(LEVELS_VARIABLE) == "all"
         levels = [*compiler.LEVELS[compiler.machine()]] if has_all else [compiler.find_level()]
-        compiler.build_library(folder / compiler.library_name(), compiler.find_objects(), levels)
+        path = f"clbvh/compiled/{library_name()}"
+        compiler.build_library(Path(self.root) / path, compiler.find_objects(), levels)
         # Code for all processors of the kind runs on every Linux, since it calls no library; other code runs here.
         system = "manylinux_2_17" if has_all else "linux"
         build_data["tag"] = f"py3-none-{system}_{compiler.machine()}"
         build_data["pure_python"] = False
-        build_data["artifacts"].append(f"/clbvh/compiled/{compiler.library_name()}")
+        build_data["artifacts"].append(f"/{path}")
 
     def _is_for_here(self) -> bool:
         return self.target_name == "wheel" and sys.platform == "linux" and self._compiler().is_known_machine()
