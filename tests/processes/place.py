@@ -22,9 +22,11 @@ _LAUNCHER = """
 if __name__ == "__main__":
     import os, signal, sys
     ignores = sys.argv.pop(1) == "ignore"
-    signal.signal(signal.SIGINT, signal.SIG_IGN if ignores else signal.default_int_handler)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     from clbvh.cli import main
     os.write(int(sys.argv.pop(1)), b".")
+    # Not earlier: a signal during the line above would not be one during `main`.
+    signal.signal(signal.SIGINT, signal.SIG_IGN if ignores else signal.default_int_handler)
     main()
 """
 

@@ -266,7 +266,7 @@ def _rebuild(path: Path) -> None:
     if not _is_checkout() or find_compiler() is None or not is_writable(path.parent):
         what = "do not fit their sources" if path.is_file() else "are missing, and so is the host device"
         raise DeviceError(f"the compiled kernels {what}: {_REBUILD} compiles them")
-    with _one_process(path):
+    with _one_process(find_objects()):
         # Another process may have compiled it meanwhile.
         if not path.is_file() or find_digest().encode() not in path.read_bytes():
             say_compiling("compiling the kernels for this processor, which takes a minute")
@@ -274,14 +274,14 @@ def _rebuild(path: Path) -> None:
 
 
 @contextmanager
-def _one_process(path: Path) -> Iterator[None]:
+def _one_process(folder: Path) -> Iterator[None]:
     """Let one process at a time compile the library."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     try:
         import fcntl
     except ImportError:  # Windows: two may compile it, and the later one stays
         yield
         return
-    with path.with_suffix(".lock").open("w") as file:
+    with (folder / "compiling.lock").open("w") as file:
         fcntl.lockf(file, fcntl.LOCK_EX)  # not `flock`, which a forked child would hold as well
         yield

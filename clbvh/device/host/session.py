@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, nullcontext
 from itertools import count
 from pathlib import Path
 from typing import Any
-from weakref import WeakSet
+from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,8 @@ class HostSession(DeviceSession):
         super().__init__(info, parent, times, thread_count)
         self._library = open_library() if parent is None else parent._library
         self._is_branch = parent is not None
-        self._buffers: WeakSet[HostBuffer] = WeakSet()
+        # Not a WeakSet: its callback is Python code, in which Ctrl-C would be lost.
+        self._buffers: set[ref[HostBuffer]] = set()
 
     def branch(self, times: CommandTimes | None = None) -> HostSession:
         """See `DeviceSession`."""
@@ -74,7 +75,7 @@ class HostSession(DeviceSession):
     def allocate(self, size: int, *, writable: bool = True, for_mapping: bool = False) -> HostBuffer:
         """See `DeviceSession`."""
         buffer = HostBuffer(self._make_bytes(size))
-        self._buffers.add(buffer)
+        self._buffers.add(ref(buffer, self._buffers.discard))
         return buffer
 
     def _make_bytes(self, size: int) -> NDArray[np.uint8]:
@@ -100,7 +101,7 @@ class HostSession(DeviceSession):
 
     def release(self, buffer: HostBuffer) -> None:
         """See `DeviceSession`."""
-        self._buffers.discard(buffer)
+        self._buffers.discard(ref(buffer))
         buffer.array = buffer.address = None
 
     def write(self, buffer: HostBuffer, array: NDArray[Any], *, begin: int = 0) -> None:
@@ -170,8 +171,9 @@ class HostSession(DeviceSession):
     def close(self) -> None:
         """See `DeviceSession`."""
         self.is_closed = True
-        for buffer in list(self._buffers):
-            self.release(buffer)
+        for reference in list(self._buffers):
+            if (buffer := reference()) is not None:
+                self.release(buffer)
         if not self._is_branch:
             self.threads.close()
 
