@@ -15,8 +15,9 @@ from collections.abc import Callable, Hashable, Iterable
 from typing import Any, ClassVar
 from weakref import WeakSet
 
-from ..errors import DeviceError, InternalError
+from ..errors import DeviceError
 from .info import DeviceInfo
+from .kernel import Kernel
 
 
 class _OpenCL:
@@ -76,8 +77,8 @@ def _notice_fork() -> None:
     keep_for_ever([dict(_contexts), [session.list_handles() for session in list(_OpenCL.sessions)]])
 
 
-class Kernel:
-    """A compiled entry point that takes its arguments by name, from any thread.
+class OpenclKernel(Kernel):
+    """A compiled entry point of a driver's program.
 
     Parameters
     ----------
@@ -87,27 +88,10 @@ class Kernel:
     """
 
     def __init__(self, cl_kernel: Any, argument_names: Iterable[str]) -> None:
-        self.name = str(cl_kernel.function_name)
-        self.argument_names = tuple(argument_names)
+        super().__init__(str(cl_kernel.function_name), argument_names)
         self._cl_kernel = cl_kernel
         # The driver takes the arguments one by one, before the launch.
         self._one_launch = threading.Lock()
-
-    def bind(self, **arguments: Any) -> list[Any]:
-        """Return arguments in the order of the declaration.
-
-        Raises
-        ------
-        InternalError
-            A name is missing, or the kernel has no argument of that name.
-        """
-        if len(arguments) != len(self.argument_names) or not all(name in arguments for name in self.argument_names):
-            differing = sorted(arguments.keys() ^ set(self.argument_names))
-            raise InternalError(
-                f"the kernel '{self.name}' takes {', '.join(self.argument_names)}: missing or unknown are "
-                f"{', '.join(differing)}"
-            )
-        return [arguments[name] for name in self.argument_names]
 
     def enqueue(self, queue: Any, work_size: tuple[int, ...], work_group: tuple[int, ...], arguments: Any) -> Any:
         """Start the kernel and return its event."""
@@ -115,7 +99,7 @@ class Kernel:
             return self._cl_kernel(queue, work_size, work_group, *arguments)
 
 
-Kernels = dict[str, Kernel]
+Kernels = dict[str, OpenclKernel]
 
 _contexts: dict[Any, DeviceContext] = {}
 _contexts_lock = threading.Lock()

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
-from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from ..errors import DeviceError, DeviceMemoryError
 from .context import (
     DeviceContext,
-    Kernel,
+    OpenclKernel,
     check_process,
     forget_context,
     is_inherited,
@@ -80,8 +79,6 @@ class OpenclSession(DeviceSession):
         super().__init__(info, parent, times)
         prepare_pocl_3(info)
         self._cl: Any = cl
-        # Not their owner: a buffer that Ctrl-C keeps from its place is gone at once.
-        self._buffers: set[ref[Any]] = set()
         self._unfinished = ""  # the kernel whose errors the next wait may report
         with self._errors("be opened"):
             self.shared = shared or open_context(info)
@@ -109,14 +106,9 @@ class OpenclSession(DeviceSession):
         # Not whatever context the device has by now: the buffers of this session are in its own.
         return type(self)(self.info, self, times, self.shared)
 
-    @property
-    def buffer_count(self) -> int:
-        """Buffers that are on the device."""
-        return len(self._buffers)
-
     def kernels(
         self, name: str, defines: Mapping[str, int] | None = None, *, folder: Path | None = None
-    ) -> Mapping[str, Kernel]:
+    ) -> Mapping[str, OpenclKernel]:
         """See `DeviceSession`; compiled by the driver, once in a process."""
         check_process()
         return compile_kernels(self.shared, self.info, name, defines or {}, folder)
@@ -148,8 +140,7 @@ class OpenclSession(DeviceSession):
             flags |= self._cl.mem_flags.ALLOC_HOST_PTR
         with self._errors(f"hold a buffer of {size / 1e6:,.1f} MB"):
             buffer = _buffer_type()(self.context, flags, max(size, _SMALLEST_BUFFER_BYTES))
-        # The callback is no Python code, in which Ctrl-C would be lost.
-        self._buffers.add(ref(buffer, self._buffers.discard))
+        self._note(buffer)
         return buffer
 
     def make_array(self, shape: tuple[int, ...], dtype: Any, values: NDArray[Any] | None = None) -> Any:
@@ -170,7 +161,7 @@ class OpenclSession(DeviceSession):
         """See `DeviceSession`; in a forked child it stays."""
         if is_inherited():
             return
-        self._buffers.discard(ref(buffer))
+        self._forget(buffer)
         buffer.release()
 
     def download(self, buffer: Any, into: NDArray[Any], *, begin: int = 0) -> None:
@@ -212,21 +203,16 @@ class OpenclSession(DeviceSession):
             self.queue.finish()
         self._unfinished = ""
 
-    def run(self, kernel: Kernel, work_size: tuple[int, ...], work_group: tuple[int, ...], **arguments: Any) -> None:
+    def run(
+        self, kernel: OpenclKernel, work_size: tuple[int, ...], work_group: tuple[int, ...], **arguments: Any
+    ) -> None:
         """See `DeviceSession`; reading its results waits for it."""
         rounded = tuple(-(-size // edge) * edge for size, edge in zip(work_size, work_group, strict=True))
-        bound = kernel.bind(**arguments)
+        bound = kernel.in_order(arguments)
         with self._errors(f"run the kernel '{kernel.name}'"):
             event = kernel.enqueue(self.queue, rounded, work_group, bound)
         self._unfinished = f"finish the kernel '{kernel.name}' and "
         self.times.note("kernel", event)
-
-    def close(self) -> None:
-        """See `DeviceSession`."""
-        self.is_closed = True
-        if not is_inherited():
-            for buffer in self._list_buffers():
-                self.release(buffer)
 
     def check_process(self) -> None:
         """See `DeviceSession`."""
@@ -235,9 +221,6 @@ class OpenclSession(DeviceSession):
     def list_handles(self) -> list[Any]:
         """Return all that must outlive a fork; see `note_session`."""
         return [*vars(self).values(), *self._list_buffers()]
-
-    def _list_buffers(self) -> list[Any]:
-        return [buffer for reference in list(self._buffers) if (buffer := reference()) is not None]
 
     @contextmanager
     def _errors(self, action: str) -> Iterator[None]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import KernelBuildError
 from ..support.say_once import saying_compiling_if_slow
-from .context import DeviceContext, Kernel, keep_for_ever
+from .context import DeviceContext, OpenclKernel, keep_for_ever
 from .info import DeviceInfo
 from .sources import expand_shipped, expand_source, find_arguments
 
@@ -38,7 +38,7 @@ _SIMULATOR_OPTIONS = ("-DPORTABLE=1", "-cl-opt-disable")
 
 def compile_kernels(
     shared: DeviceContext, info: DeviceInfo, name: str, defines: Mapping[str, int], folder: Path | None = None
-) -> dict[str, Kernel]:
+) -> dict[str, OpenclKernel]:
     """Compile ``kernels/NAME.cl``, unless this process has done so for the device, and return its entry points by name.
 
     Parameters
@@ -67,7 +67,7 @@ def make_options(defines: Mapping[str, int]) -> tuple[str, ...]:
     return (_OPTIONS, *(f"-D{macro}={value}" for macro, value in sorted(defines.items())))
 
 
-def _compile(context: Any, info: DeviceInfo, source: str, options: Sequence[str]) -> dict[str, Kernel]:
+def _compile(context: Any, info: DeviceInfo, source: str, options: Sequence[str]) -> dict[str, OpenclKernel]:
     import pyopencl as cl
 
     if info.is_simulator:
@@ -92,5 +92,5 @@ def _compile(context: Any, info: DeviceInfo, source: str, options: Sequence[str]
     for kernel in program.all_kernels():
         name = kernel.function_name
         kernel.set_scalar_arg_dtypes([_NUMBER_TYPES[kind] for kind in arguments[name].values()])
-        kernels[name] = Kernel(kernel, arguments[name])
+        kernels[name] = OpenclKernel(kernel, arguments[name])
     return kernels

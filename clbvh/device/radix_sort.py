@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .host.variants import SORT_DIGIT_BITS
 from .session import DeviceSession
 
 PAIR_BYTES = 8
@@ -36,7 +37,7 @@ class SortPlan(NamedTuple):
 # A CPU's core counts many digits in its cache, one pair after the other, and writes to as many places. An item of a GPU
 # has few counters in the memory of its group. Digits of 8 or 11 bits are no faster (a million pairs, 2-core x86-64
 # server).
-CPU_PLAN = SortPlan(digit_bits=10, group_size=1, item_pairs=1 << 16)
+CPU_PLAN = SortPlan(digit_bits=SORT_DIGIT_BITS, group_size=1, item_pairs=1 << 16)
 GPU_PLAN = SortPlan(digit_bits=4, group_size=128, item_pairs=16)
 
 

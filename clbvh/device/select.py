@@ -33,7 +33,7 @@ ALL_DEVICES = "all"
 # The kinds that can be asked for, in the order of preference.
 KINDS = ("gpu", "accelerator", "cpu")
 
-# Specifications of the host, for which no other device is looked at.
+# Words that mean the host: no driver is asked.
 _HOST_WORDS = (HOST_PLATFORM, "cpu", "0")
 
 # Makers of processors. In the name of a CPU they tell nothing about its driver.

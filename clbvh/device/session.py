@@ -6,7 +6,8 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
+from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +17,6 @@ from ..support.host_threads import HostThreads
 from .info import DeviceInfo
 from .settings import Settings, find_settings
 from .times import CommandTimes
-
-
-class Kernel(Protocol):
-    """An entry point that takes its arguments by name, from any thread."""
-
-    name: str
-    argument_names: tuple[str, ...]
 
 
 class DeviceSession(ContextManager):
@@ -65,6 +59,10 @@ class DeviceSession(ContextManager):
         self.threads = HostThreads(thread_count) if parent is None else parent.threads
         self.times = times or (CommandTimes() if parent is None else parent.times)
         self.is_closed = False
+        self._is_branch = parent is not None
+        # Not their owner: a buffer that Ctrl-C keeps from its place is gone at once. Nor a WeakSet: its callbacks are
+        # Python code, in which Ctrl-C would be lost.
+        self._buffers: set[ref[Any]] = set()
 
     @abstractmethod
     def branch(self, times: CommandTimes | None = None) -> DeviceSession:
@@ -103,9 +101,20 @@ class DeviceSession(ContextManager):
         return self.kernels(name, defines, folder=folder)[name]
 
     @property
-    @abstractmethod
     def buffer_count(self) -> int:
         """Buffers that are on the device."""
+        return len(self._buffers)
+
+    def _note(self, buffer: Any) -> None:
+        """Count a new buffer, until nothing refers to it."""
+        self._buffers.add(ref(buffer, self._buffers.discard))
+
+    def _forget(self, buffer: Any) -> None:
+        """Count a buffer no more, which is given back."""
+        self._buffers.discard(ref(buffer))
+
+    def _list_buffers(self) -> list[Any]:
+        return [buffer for reference in list(self._buffers) if (buffer := reference()) is not None]
 
     @abstractmethod
     def allocate(self, size: int, *, writable: bool = True, for_mapping: bool = False) -> Any:
@@ -183,6 +192,7 @@ class DeviceSession(ContextManager):
         Parameters
         ----------
         kernel : Kernel
+            Of `kernels`.
         work_size : tuple of int
             Work-items per dimension, rounded up to whole work-groups: the kernel checks its range.
         work_group : tuple of int
@@ -199,9 +209,13 @@ class DeviceSession(ContextManager):
     def check_process(self) -> None:
         """Raise `DeviceError` if this process was forked, and the device works only in the one that opened it."""
 
-    @abstractmethod
     def close(self) -> None:
-        """Give all buffers back. Closing twice is allowed."""
+        """Give all buffers back, and end the threads unless this is a branch. Closing twice is allowed."""
+        self.is_closed = True
+        for buffer in self._list_buffers():
+            self.release(buffer)
+        if not self._is_branch:
+            self.threads.close()
 
 
 class ReusableBuffer:

@@ -16,8 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..device.kernel import Kernel
 from ..device.radix_sort import sort_pairs
-from ..device.session import DeviceSession, Kernel
+from ..device.session import DeviceSession
 from ..support.context_manager import ContextManager
 from ..support.forks import make_lock
 from .running_calls import MemoryLoan, RunningCalls
@@ -168,7 +169,6 @@ class Caster(ContextManager):
         """Give the memory of all devices back, after the calls of other threads have ended."""
         for each in self.all:
             each.calls.close()
-        self.threads.close()
 
     def release(self) -> None:
         """Give back the memory of calls that have ended; the world stays."""

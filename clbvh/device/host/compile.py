@@ -86,7 +86,7 @@ def find_compiler() -> Compiler | None:
             return Compiler((path,), (path, "-shared", "-nostdlib", "-s"), version)
     spec = find_spec("ziglang")
     if spec is not None and spec.origin is not None and not os.environ.get(COMPILER_VARIABLE):
-        zig = str(Path(spec.origin).with_name("zig.exe" if sys.platform == "win32" else "zig"))
+        zig = str(Path(spec.origin).with_name("zig"))
         return Compiler((zig, "clang"), (zig, "ld.lld", "-shared", "-s"), _ask_version((zig, "clang")))
     return None
 
@@ -176,7 +176,7 @@ def build_program(objects: Path, source: str, macros: Mapping[str, int], level: 
     unit = _unit(source, entries, LEVELS[machine()][level], macros)
     target = objects / f"{_digest(compiler, unit)}.so"
     if not target.exists():
-        _link(compiler, target, objects, [unit, _level_unit((level,))], 1)
+        _link(compiler, target, objects, [unit], 1)
     return target
 
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import ctypes
 import os
+import platform
 import struct
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,9 @@ from ...errors import ConfigError, DeviceError, InternalError
 from ...support.folders import find_folder, is_writable
 from ...support.forks import make_lock
 from ...support.say_once import say_compiling
+from ..kernel import Kernel
 from ..sources import expand_shipped, find_arguments
-from .variants import FIXED, Variant, library_name
+from .variants import FIXED, Variant, library_name, machine
 
 LEVEL_VARIABLE = "CLBVH_HOST_LEVEL"
 LIBRARY_VARIABLE = "CLBVH_HOST_LIBRARY"
@@ -69,8 +70,8 @@ class HostBuffer:
         self.address: int | None = array.ctypes.data
 
 
-class HostKernel:
-    """An entry of the library that takes its arguments by name, from any thread.
+class HostKernel(Kernel):
+    """An entry of the library.
 
     Parameters
     ----------
@@ -82,10 +83,9 @@ class HostKernel:
     """
 
     def __init__(self, name: str, arguments: Mapping[str, str | None], entry: _Entry) -> None:
-        self.name = name
-        self.argument_names = tuple(arguments)
+        super().__init__(name, arguments)
         self.entry = entry
-        self._slots = tuple((name, kind is None) for name, kind in arguments.items())
+        self._are_addresses = tuple(kind is None for kind in arguments.values())
         self._pack = struct.Struct("<4i" + "".join(_SLOTS[kind] for kind in arguments.values())).pack
 
     def bind(self, shape: tuple[int, int, int, int], arguments: Mapping[str, Any]) -> bytes:
@@ -94,23 +94,13 @@ class HostKernel:
         Raises
         ------
         InternalError
-            A name is missing, the kernel has no argument of that name, or the argument is of another kind.
+            As `in_order`, or an argument is of another kind.
         """
+        values = zip(self.in_order(arguments), self._are_addresses, strict=True)
         try:
-            values = [
-                _as_address(arguments[name]) if is_address else arguments[name] for name, is_address in self._slots
-            ]
-            if len(arguments) == len(values):
-                return self._pack(*shape, *values)
-        except KeyError:
-            pass
-        except (TypeError, AttributeError, struct.error) as error:
+            return self._pack(*shape, *(_as_address(value) if is_address else value for value, is_address in values))
+        except (TypeError, struct.error) as error:
             raise InternalError(f"the kernel '{self.name}' does not take an argument: {error}") from error
-        differing = sorted(arguments.keys() ^ set(self.argument_names))
-        raise InternalError(
-            f"the kernel '{self.name}' takes {', '.join(self.argument_names)}: missing or unknown are "
-            f"{', '.join(differing)}"
-        )
 
 
 def _as_address(value: Any) -> Any:
@@ -260,28 +250,20 @@ def _is_checkout() -> bool:
 
 
 def _rebuild(path: Path) -> None:
-    """Compile the library of a checkout for this processor."""
-    from .compile import build_library, find_compiler, find_digest, find_level, find_objects
+    """Compile the library of a checkout for this processor, in one process at a time."""
+    from .compile import build_library, find_compiler, find_digest, find_level, find_objects, is_known_machine
 
+    if not is_known_machine():
+        raise DeviceError(f"there is no host device for {platform.system()} on {machine()}: an OpenCL driver may serve")
     if not _is_checkout() or find_compiler() is None or not is_writable(path.parent):
-        what = "do not fit their sources" if path.is_file() else "are missing, and so is the host device"
-        raise DeviceError(f"the compiled kernels {what}: {_REBUILD} compiles them")
-    with _one_process(find_objects()):
+        what = "do not fit their sources" if path.is_file() else "are missing"
+        raise DeviceError(f"the compiled kernels of the host {what}: {_REBUILD} compiles them")
+    import fcntl
+
+    find_objects().mkdir(parents=True, exist_ok=True)
+    with (find_objects() / "compiling.lock").open("w") as lock:
+        fcntl.lockf(lock, fcntl.LOCK_EX)  # not `flock`, which a forked child would hold as well
         # Another process may have compiled it meanwhile.
         if not path.is_file() or find_digest().encode() not in path.read_bytes():
             say_compiling("compiling the kernels for this processor, which takes a minute")
             build_library(path, find_objects(), [find_level()])
-
-
-@contextmanager
-def _one_process(folder: Path) -> Iterator[None]:
-    """Let one process at a time compile the library."""
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        import fcntl
-    except ImportError:  # Windows: two may compile it, and the later one stays
-        yield
-        return
-    with (folder / "compiling.lock").open("w") as file:
-        fcntl.lockf(file, fcntl.LOCK_EX)  # not `flock`, which a forked child would hold as well
-        yield

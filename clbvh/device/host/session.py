@@ -8,7 +8,6 @@ from contextlib import AbstractContextManager, nullcontext
 from itertools import count
 from pathlib import Path
 from typing import Any
-from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,18 +50,10 @@ class HostSession(DeviceSession):
     ) -> None:
         super().__init__(info, parent, times, thread_count)
         self._library = open_library() if parent is None else parent._library
-        self._is_branch = parent is not None
-        # Not a WeakSet: its callback is Python code, in which Ctrl-C would be lost.
-        self._buffers: set[ref[HostBuffer]] = set()
 
     def branch(self, times: CommandTimes | None = None) -> HostSession:
         """See `DeviceSession`."""
         return type(self)(self.info, self, times)
-
-    @property
-    def buffer_count(self) -> int:
-        """See `DeviceSession`."""
-        return len(self._buffers)
 
     def kernels(
         self, name: str, defines: Mapping[str, int] | None = None, *, folder: Path | None = None
@@ -75,7 +66,7 @@ class HostSession(DeviceSession):
     def allocate(self, size: int, *, writable: bool = True, for_mapping: bool = False) -> HostBuffer:
         """See `DeviceSession`."""
         buffer = HostBuffer(self._make_bytes(size))
-        self._buffers.add(ref(buffer, self._buffers.discard))
+        self._note(buffer)
         return buffer
 
     def _make_bytes(self, size: int) -> NDArray[np.uint8]:
@@ -101,7 +92,7 @@ class HostSession(DeviceSession):
 
     def release(self, buffer: HostBuffer) -> None:
         """See `DeviceSession`."""
-        self._buffers.discard(ref(buffer))
+        self._forget(buffer)
         buffer.array = buffer.address = None
 
     def write(self, buffer: HostBuffer, array: NDArray[Any], *, begin: int = 0) -> None:
@@ -167,15 +158,6 @@ class HostSession(DeviceSession):
         else:
             run_bands()
         self.times.add("kernel", (time.perf_counter() - begin_s) * _MS_PER_S)
-
-    def close(self) -> None:
-        """See `DeviceSession`."""
-        self.is_closed = True
-        for reference in list(self._buffers):
-            if (buffer := reference()) is not None:
-                self.release(buffer)
-        if not self._is_branch:
-            self.threads.close()
 
     def check_process(self) -> None:
         """See `DeviceSession`; nothing is refused."""

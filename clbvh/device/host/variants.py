@@ -72,9 +72,7 @@ class Variant(NamedTuple):
         chosen = {macro: value for macro, value in macros.items() if macro not in FIXED}
         if chosen.get("LONE") == 0:
             chosen["HAS_SPHERES"] = 1
-        if "LONE" in chosen:
-            chosen.setdefault("EXACT", 0)
-        if name == "pack_rays":
+        if "LONE" in chosen or name == "pack_rays":
             chosen.setdefault("EXACT", 0)
         if name in _PARTS:
             is_plain = chosen["LAYOUT"] == _OWN_LAYOUT and not chosen["EXACT"]

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ...device.session import DeviceSession, Kernel
+from ...device.kernel import Kernel
+from ...device.session import DeviceSession
 from ...structs import TILE
 from .world import World
 

@@ -9,7 +9,7 @@ import pyopencl as cl
 import pytest
 
 from clbvh import DeviceError, InternalError, KernelBuildError
-from clbvh.device.context import Kernel
+from clbvh.device.context import OpenclKernel
 from clbvh.device.open import open_device
 from clbvh.device.sources import expand_source, find_arguments
 from clbvh.device.times import CommandTimes
@@ -59,7 +59,7 @@ def test_what_cannot_be_done_is_said_in_one_sentence(fresh, write):
         assert "\n" not in str(caught.value)
     assert fresh.upload(np.ones(3, np.float32)).size >= 12
     with pytest.raises(InternalError, match="the kernel 'double_it' takes x: missing or unknown are"):
-        double.bind(x=1, row_length=4)
+        double.in_order({"x": 1, "row_length": 4})
 
 
 def test_numbers_are_passed_by_the_type_of_the_source():
@@ -134,7 +134,7 @@ def test_a_context_that_the_driver_has_given_up_is_not_shared_any_more(session, 
     fail.function_name = "fail"
     with open_device(session.info) as before:
         with pytest.raises(DeviceError, match="cannot run the kernel 'fail'"):
-            before.run(Kernel(fail, []), (1,), (1,))
+            before.run(OpenclKernel(fail, []), (1,), (1,))
         with open_device(session.info) as after:
             assert (after.shared is not before.shared) == (code in ("OUT_OF_RESOURCES", "INVALID_COMMAND_QUEUE"))
             # Buffers belong to a context, and so to all branches of a session.
