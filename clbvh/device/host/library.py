@@ -133,11 +133,11 @@ class HostLibrary:
     def __init__(self, path: Path) -> None:
         try:
             self._library = ctypes.CDLL(str(path))
-        except OSError as error:
+            facts = (ctypes.c_char * _MOST_FACT_BYTES).in_dll(self._library, "clbvh_facts").value.decode()
+        except (OSError, ValueError) as error:  # no library, or one of something else
             raise DeviceError(
                 f"the compiled kernels cannot be loaded ({error}): reinstall clbvh, or {_REBUILD}"
             ) from error
-        facts = (ctypes.c_char * _MOST_FACT_BYTES).in_dll(self._library, "clbvh_facts").value.decode()
         self.digest, *levels = facts.split()
         self.path, self.levels = path, tuple(levels)
         self.level = self._choose_level(int(self._library.clbvh_level()))
