@@ -10,7 +10,7 @@ from clbvh.trace import put_rays
 
 @contextmanager
 def device_packs() -> Iterator[None]:
-    """Let kernels pack such rays in the block."""
+    """Let kernels pack such rays in the block; around threads, not in them, since what one undoes is for all."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(put_rays, "host_packs", lambda info: False)
         yield

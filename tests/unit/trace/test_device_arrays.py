@@ -248,12 +248,11 @@ def test_the_way_over_the_host_is_said_once(case, mesh, rays, session, monkeypat
 
 
 def test_threads_share_the_arrays_on_the_device(mesh, rays):
-    with Tracer(mesh) as tracer:
+    with Tracer(mesh) as tracer, device_packs():
         there, expected = put(tracer, *rays), as_bytes(tracer.closest_hit(*rays))
 
         def ask():
-            with device_packs():
-                return [as_bytes(tracer.closest_hit(*there, out="device")) for _ in range(5)]
+            return [as_bytes(tracer.closest_hit(*there, out="device")) for _ in range(5)]
 
         assert all(found == expected for each in run_in_threads(*[ask] * 4) for found in each)
 
