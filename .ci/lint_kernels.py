@@ -9,7 +9,7 @@ The rules:
 - lines of at most 120 characters, no trailing space, no tab, exactly one newline at the end of the file;
 - an include names a file below one of `INCLUDE_ROOTS`, as the host resolves it (`clbvh/device/program.py`);
 - no built-in function whose result OpenCL leaves to the driver and no 64-bit atomic: answers are the same on every
-  device; no double, except in a file that enables them;
+  device; no double, except in a file that enables them, or that only the host runs;
 - an include is used: the file uses an identifier that the included file defines, or one that it includes in turn and
   that no other include of the file brings. Macros, functions, structs and typedefs define identifiers; words in
   comments and strings are no uses.
@@ -28,6 +28,9 @@ from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[1]
 FOLDERS = ("cl",)
+
+# The folder of what only the host runs.
+_HOST = "host"
 
 # Where the host looks for an include.
 INCLUDE_ROOTS = ("cl",)
@@ -111,10 +114,15 @@ class Linter:
 
     def check(self, path: Path) -> list[tuple[int, str]]:
         """Return the findings in one file: line numbers and messages, in order."""
-        return sorted([*_check_text(path.read_bytes().decode("utf-8")), *self._check_includes(self._read(path))])
+        return sorted(
+            [
+                *_check_text(path.read_bytes().decode("utf-8")),
+                *self._check_includes(self._read(path), has_doubles=_HOST in path.parts),
+            ]
+        )
 
-    def _check_includes(self, source: Source) -> Iterator[tuple[int, str]]:
-        has_doubles = not _ENABLES_DOUBLE.isdisjoint(source.lines)
+    def _check_includes(self, source: Source, *, has_doubles: bool) -> Iterator[tuple[int, str]]:
+        has_doubles |= not _ENABLES_DOUBLE.isdisjoint(source.lines)
         for number, line in enumerate(source.lines, start=1):
             if _ANY_INCLUDE.match(line) and not _INCLUDE.match(line):
                 yield number, "an include is a line of its own, '#include \"NAME\"': the host expands no other"

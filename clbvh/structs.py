@@ -605,12 +605,16 @@ def _c_struct(name: str, dtype: np.dtype) -> list[str]:
     return [f"typedef struct {_c_alignment(dtype)}{{", *fields, f"}} {name};"]
 
 
-def _c_alignment(struct: np.dtype) -> str:
-    """Return the attribute that says how structs in a buffer are aligned; it divides their size, so it adds no padding.
+def alignment_of(struct: np.dtype) -> int:
+    """Return how structs in a buffer are aligned, in bytes; it divides their size, so it adds no padding.
 
     Compilers for NVIDIA's GPUs join loads of neighbouring fields only where they know the alignment.
     """
-    alignment = math.gcd(struct.itemsize, _LARGEST_ALIGNMENT)
+    return math.gcd(struct.itemsize, _LARGEST_ALIGNMENT)
+
+
+def _c_alignment(struct: np.dtype) -> str:
+    alignment = alignment_of(struct)
     return f"__attribute__((aligned({alignment}))) " if alignment > _LANE_BYTES else ""
 
 

@@ -16,6 +16,7 @@
 #endif
 
 #include "structs.cl"
+#include "triangles/collinear.cl"
 #include "tree/boxes.cl"
 
 // Blocks of about 16 primitives.
@@ -43,14 +44,9 @@
 
 INLINED bool is_degenerate(const float at[9][BLOCK_WIDTH], const int slot)
 {
-    // Without vectors: PoCL calls the functions that convert these.
-    const double ux = (double)at[3][slot] - (double)at[0][slot];
-    const double uy = (double)at[4][slot] - (double)at[1][slot];
-    const double uz = (double)at[5][slot] - (double)at[2][slot];
-    const double vx = (double)at[6][slot] - (double)at[0][slot];
-    const double vy = (double)at[7][slot] - (double)at[1][slot];
-    const double vz = (double)at[8][slot] - (double)at[2][slot];
-    return uy * vz == uz * vy && uz * vx == ux * vz && ux * vy == uy * vx;
+    return is_collinear(
+        (double3)(at[0][slot], at[1][slot], at[2][slot]), (double3)(at[3][slot], at[4][slot], at[5][slot]),
+        (double3)(at[6][slot], at[7][slot], at[8][slot]));
 }
 #endif
 

@@ -21,6 +21,9 @@ STRUCTS_INCLUDE = "structs.cl"
 # An entry point in the expanded text: its name, and its arguments.
 ENTRY_POINT = re.compile(r"^kernel void (\w+)\(([^)]*)\)", re.MULTILINE)
 
+# A loop that only the host runs: its result, its name, and its parameters.
+LOOP = re.compile(r"^loop (\w+) (\w+)\(([^)]*)\)", re.MULTILINE)
+
 # Arguments that several kernels share: a macro and its text.
 _SHARED_ARGUMENTS = re.compile(r"^#define (\w+_ARGUMENTS) ((?:.*\\\n)*.*)", re.MULTILINE)
 
@@ -96,3 +99,8 @@ def find_arguments(source: str) -> dict[str, dict[str, str | None]]:
             declaration.split()[-1].lstrip("*"): number and number[1] for declaration, number in numbers.items()
         }
     return found
+
+
+def find_loops(source: str) -> dict[str, tuple[str, str]]:
+    """Return the loops of a source, see host/loops.py: the result's type and the parameters by the loop's name."""
+    return {name: (result, parameters) for result, name, parameters in LOOP.findall(source)}

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..support.compiled import compiled
-from .topology import FACTORS, INDEX_BITS, find_equal_points, find_points
+from ..device.host.loops import Loops
+from .topology import INDEX_BITS, find_equal_points, find_points
 
 # Corners in the same cell of this size, in local units, are as near as float32 tells apart at the rim of the mesh.
 _CELLS = np.float32(2.0**24)
@@ -27,9 +27,7 @@ _CORNERS_OF_EDGE = 2
 # Where more faces coincide, hardly any are left out, and to find them takes longer than to look at all.
 _FEW = 8
 
-# Keys of points are mixed before those of a face's corners are added: on a grid, many sums of plain ones are equal. As
-# in the generator SplitMix64 (Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014).
-_MIX_SHIFT, _MIX_FACTOR = np.uint64(30), np.uint64(0xBF58476D1CE4E5B9)
+_LOOPS = Loops("geometry/coincident")
 
 
 class Coincidence(NamedTuple):
@@ -83,7 +81,7 @@ def find_coincidence(
     """
     # Coincident faces have equal keys, and so have shifted copies. Hardly any others have, and these are compared.
     keys, face_keys = np.empty(len(vertices), np.uint64), np.empty(len(faces), np.uint64)
-    _find_keys(local_vertices, faces, keys, face_keys)
+    _LOOPS.find_keys(local_vertices, faces, keys, face_keys)
     sorted_keys = np.sort(face_keys)
     repeated_keys = sorted_keys[1:][sorted_keys[1:] == sorted_keys[:-1]]
     if len(repeated_keys) == 0:
@@ -150,7 +148,7 @@ def _choose_parities(
     numbers, edge_ids = np.unique(edges, return_inverse=True)
     edge_ids = edge_ids.reshape(-1, 3)
     surfaces = np.empty(len(faces), np.int64)
-    _join_faces(edge_ids, len(numbers), surfaces)
+    _LOOPS.join_faces(edge_ids, np.full(len(numbers), -1), surfaces)
 
     def find_open(is_odd: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return of each face whether its surface has an edge at an odd number of faces that count."""
@@ -169,39 +167,3 @@ def _choose_parities(
         is_open &= common[surfaces] > 1
     is_odd = np.where(is_open, ~is_open_once | (counts % 2 == 1), is_odd)
     return is_odd, not (is_open & is_open_once).any()
-
-
-@compiled(error_model="numpy")
-def _find_keys(local_vertices, faces, keys, face_keys):
-    """Write a key of the cell of each vertex, and the sum of the keys at the corners of each face."""
-    for vertex in range(len(local_vertices)):
-        key = np.uint64(0)
-        for axis in range(3):
-            key += np.uint64(np.int64(np.rint(local_vertices[vertex, axis] * _CELLS))) * FACTORS[axis]
-        key = (key ^ (key >> _MIX_SHIFT)) * _MIX_FACTOR
-        keys[vertex] = key ^ (key >> _MIX_SHIFT)
-    for face in range(len(faces)):
-        face_keys[face] = keys[faces[face, 0]] + keys[faces[face, 1]] + keys[faces[face, 2]]
-
-
-@compiled
-def _join_faces(edge_ids, edge_count, surfaces):
-    """Write the least face of all faces that hang together by edges (union-find with path halving)."""
-    users = np.full(edge_count, -1)
-    for face in range(len(edge_ids)):
-        surfaces[face] = face
-        for slot in range(3):
-            edge = edge_ids[face, slot]
-            if users[edge] < 0:
-                users[edge] = face
-                continue
-            a, b = users[edge], face
-            while surfaces[a] != a:
-                surfaces[a] = surfaces[surfaces[a]]
-                a = surfaces[a]
-            while surfaces[b] != b:
-                surfaces[b] = surfaces[surfaces[b]]
-                b = surfaces[b]
-            surfaces[max(a, b)] = min(a, b)
-    for face in range(len(edge_ids)):
-        surfaces[face] = surfaces[surfaces[face]]

@@ -12,8 +12,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..device.host.loops import Loops
 from ..errors import MeshError
-from ..support.compiled import compiled
 from .local_frame import LocalFrame, find_bounds, find_frame, shift_and_scale
 from .mesh import Mesh
 from .spheres import Spheres
@@ -21,6 +21,8 @@ from .spheres import Spheres
 # A box grows by this share of the largest half side of all boxes, which is at most 1 in local coordinates and at least
 # 1/2 there: rounding a coordinate to float32 moves it by 2^-25 of that at most.
 _GROWTH = 2.0**-23
+
+_LOOPS = Loops("geometry/boxes")
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,45 +113,11 @@ def find_corners(shape: Bounded) -> Corners:
     return Corners(corners.reshape(-1, 3), np.stack((first, first + 1, first), axis=1))
 
 
-# A box grows by this share of its sphere's radius: the rounding of the sphere test, see docs/internals/padding.md.
-_MARGIN = 2.0**-18
-
-# The share of a coordinate that rounding it to float32 moves it by, a little more than 2^-24; and the same of numbers
-# below the normal ones.
-_ROUNDING, _LEAST_ROUNDING = 2.0**-24 + 2.0**-40, 2.0**-149
-
-
 def bound_spheres(spheres: Spheres) -> NDArray[np.float32]:
     """Return the boxes of spheres, (n, 2, 3) float32, in local coordinates.
 
     Each contains the local sphere and a margin of 2^-18 of its radius; no coordinate is beyond -1 or 1.
     """
     corners = np.empty((spheres.prim_count, 2, 3), np.float32)
-    _bound_spheres(spheres.local_centres, spheres.local_radii, corners)
+    _LOOPS.bound_spheres(spheres.local_centres, spheres.local_radii, corners)
     return corners
-
-
-@compiled
-def sphere_reach(radius):
-    """Return how far the box of a sphere reaches from its centre, before rounding: float64, local coordinates."""
-    return radius * (1.0 + _MARGIN)
-
-
-@compiled
-def bound_sphere(centre, reach):
-    """Return the least and the greatest coordinate of a sphere's box along an axis: float32, rounded outwards."""
-    lower = np.float64(centre) - reach
-    upper = np.float64(centre) + reach
-    return (
-        np.float32(lower - (abs(lower) * _ROUNDING + _LEAST_ROUNDING)),
-        np.float32(upper + (abs(upper) * _ROUNDING + _LEAST_ROUNDING)),
-    )
-
-
-@compiled
-def _bound_spheres(centres, radii, corners):
-    """Write the two corners of each box."""
-    for sphere in range(len(radii)):
-        reach = sphere_reach(radii[sphere])
-        for axis in range(3):
-            corners[sphere, 0, axis], corners[sphere, 1, axis] = bound_sphere(centres[sphere, axis], reach)

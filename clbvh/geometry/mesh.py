@@ -16,21 +16,23 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..device.host.loops import Loops
 from ..errors import MeshError
-from ..support.compiled import compiled
 from ..support.memory import check_memory
 from .appearance.appearance import Appearance, check_fit
 from .arrays import as_array, check_numbers, copy_as_float64
 from .coincident import Coincidence, find_coincidence
 from .local_frame import LocalFrame, find_bounds, shift_and_scale
 from .scales import Frame, find_mesh_frame, move_frame
-from .topology import CornerFaces, find_corner_faces, find_points, find_vertex_normals, is_closed, measure_faces
+from .topology import NORMALS, CornerFaces, find_corner_faces, find_points, find_vertex_normals, is_closed
 
 # A tree over n primitives has up to 2n - 1 nodes, and both are counted in int32.
 MAX_FACE_COUNT = 2**30
 
 # Vertices in the file's coordinates and in local ones.
 _BYTES_PER_VERTEX = 36
+
+_LOOPS = Loops("geometry/faces")
 
 
 class Part(NamedTuple):
@@ -233,7 +235,9 @@ class Mesh(LocalFrame):
         Such a triangle stays in the mesh, so that face numbers keep their meaning, but no ray ever hits it.
         """
         degenerate = np.empty(self.face_count, np.bool_)
-        _find_degenerate(self.decisive_vertices, self.faces, degenerate)
+        vertices = self.decisive_vertices
+        find = _LOOPS.find_degenerate if vertices.dtype == np.float32 else _LOOPS.find_degenerate_of_doubles
+        find(vertices, self.faces, degenerate)
         return degenerate
 
     @cached_property
@@ -322,7 +326,7 @@ class Mesh(LocalFrame):
                [ 0.,  0.,  0.]])
         """
         normals = np.empty((self.face_count, 3))
-        measure_faces(
+        NORMALS.measure_faces(
             self.vertices, self.faces, self.scale, 0, self.face_count, normals, np.empty((self.face_count, 3))
         )
         return normals
@@ -436,24 +440,6 @@ class Mesh(LocalFrame):
     def __repr__(self) -> str:
         parts = f", parts={len(self.parts):,}" if self.parts else ""
         return f"Mesh({self.name!r}, vertices={len(self.vertices):,}, faces={self.face_count:,}{parts})"
-
-
-@compiled
-def _find_degenerate(vertices, faces, degenerate):
-    for face in range(len(faces)):
-        degenerate[face] = is_degenerate(vertices, faces, face)
-
-
-@compiled(is_inlined=True)
-def is_degenerate(vertices, faces, face):
-    """Return whether the corners of a face lie on one line or in one point; see `Mesh.degenerate_faces`."""
-    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-    x, y, z = np.float64(vertices[a, 0]), np.float64(vertices[a, 1]), np.float64(vertices[a, 2])
-    ux, uy, uz = vertices[b, 0] - x, vertices[b, 1] - y, vertices[b, 2] - z
-    vx, vy, vz = vertices[c, 0] - x, vertices[c, 1] - y, vertices[c, 2] - z
-    # Differences of float32 values and their products fit float64, so collinear means equal products; of float64 values
-    # as far as they have no more digits.
-    return uy * vz == uz * vy and uz * vx == ux * vz and ux * vy == uy * vx
 
 
 def mesh_in_frame(

@@ -10,13 +10,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..support.compiled import compiled
+from ..device.host.loops import Loops
 from .local_frame import find_bounds, find_frame, shift_and_scale
 
 # A shape spans scales if a part of it is smaller than this share of half its box: a vertex all of whose triangles are,
 # or a sphere. Float32 moves rays and corners by 2^-22 of the half, all roundings together. The dragon of 871,306
 # triangles, which has slivers of 2^-21, has no such vertex below 2^-15.2; a mesh of 100 million is at 2^-13.
 LEAST_SHARE = 2.0**-16
+
+_LOOPS = Loops("geometry/faces")
 
 
 class Frame(NamedTuple):
@@ -55,7 +57,7 @@ def find_mesh_frame(vertices: NDArray[np.float64], faces: NDArray[np.int32], nam
         The box is too small or too large, see `find_frame`.
     """
     sizes = np.full(len(vertices), -1.0)
-    find_sizes(vertices, faces, sizes)
+    _LOOPS.find_sizes(vertices, faces, sizes)
     loose = np.flatnonzero(sizes < 0.0)
     bounds = _find_used_bounds(vertices, loose)
     origin, scale = find_frame(*bounds, name, subject="the mesh is")
@@ -103,22 +105,3 @@ def _localize(
         vertices = vertices.copy()
         vertices[loose] = origin
     return shift_and_scale(vertices, origin, scale)
-
-
-@compiled
-def find_sizes(vertices, faces, sizes):
-    """Raise the size of each vertex to the longest sides of the boxes around its faces.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float64
-    faces : (F, 3) int32
-    sizes : (V,) float64, written
-    """
-    for face in range(len(faces)):
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        size = 0.0
-        for axis in range(3):
-            x, y, z = vertices[a, axis], vertices[b, axis], vertices[c, axis]
-            size = max(size, max(x, y, z) - min(x, y, z))
-        sizes[a], sizes[b], sizes[c] = max(sizes[a], size), max(sizes[b], size), max(sizes[c], size)

@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..choices import DEFAULT_SHARD_TRIANGLES
+from ..device.host.loops import Loops
 from ..errors import ConfigError, MeshError, shorten_message
 from ..support.archive import read_members
-from ..support.compiled import compiled
 from ..support.files import as_path, open_regular, read_errors_as, read_regular, temporary_folder
 from .as_mesh import MeshLike, as_mesh
 from .loading.ply import map_triangles
@@ -46,6 +46,8 @@ _CELL_STEPS = np.array([1, _AXIS_CELLS, _AXIS_CELLS**2], np.int32)
 
 # Vertices or faces processed at a time: about 100 MB of temporary arrays.
 _CHUNK_ROWS = 1 << 20
+
+_LOOPS = Loops("geometry/faces")
 
 _ARRAYS = {"prim_ids": np.int32, "faces": np.int32, "vertices": np.float64}
 
@@ -250,7 +252,7 @@ def _write_shards(source: _Source, folder: Path, triangles: int) -> None:
     first = 0
     for faces, cells in source.cells(origin, scale):
         numbers = np.empty(len(faces), np.int32)
-        _find_shards(cells, counts, firsts, shares, ranks, numbers)
+        _LOOPS.find_shards(cells, counts, firsts, shares, ranks, numbers)
         rows = np.empty((len(faces), 4), np.int32)
         rows[:, 0], rows[:, 1:] = np.arange(first, first + len(faces)), faces
         order = np.argsort(numbers, kind="stable")
@@ -303,15 +305,6 @@ def _share_cells(
     is_left = along <= along.min() + plane
     _share_cells(cells[is_left], counts, first, left, firsts, shares)
     _share_cells(cells[~is_left], counts, first + left, shard_count - left, firsts, shares)
-
-
-@compiled
-def _find_shards(cells, counts, firsts, shares, ranks, numbers):
-    """Write the shard of each face; those of a cell that has several are dealt in the order of the faces."""
-    for face in range(len(cells)):
-        cell = cells[face]
-        numbers[face] = firsts[cell] + ranks[cell] * shares[cell] // counts[cell]
-        ranks[cell] += 1
 
 
 def _digest(index: dict[str, Any]) -> str:

@@ -19,16 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError
-from ..support.compiled import compiled
 from ..support.host_threads import HostThreads
 from .appearance.appearance import Appearance, find_flat_normals, make_unchecked, normalize
 from .joined_shapes import JoinedMeshes
 from .mesh import Mesh
-from .topology import EqualPoints, find_points, measure_faces
+from .topology import NORMALS, EqualPoints, find_points
 
 
 class VertexFaces(NamedTuple):
-    """Faces around vertices, for compiled functions.
+    """Faces around vertices, for compiled loops.
 
     Attributes
     ----------
@@ -63,13 +62,6 @@ DEFAULT_CREASE_ANGLE = 40.0  # degrees
 # A mesh of more faces is not smoothed in pictures, where it has no normals of its own: it would take 1 us and 170 bytes
 # a face, and its facets are smaller than pixels.
 MOST_SMOOTHED = 1 << 24
-
-# Corners at one point with which each of them is compared. Where there are more, these are spread evenly over all, in
-# the order of the faces: the point of a cone of a million faces would take hours.
-_MOST_COMPARED = 256
-
-# A sum of unit vectors is no direction if it is shorter than this share of their weights.
-_LEAST_SHARE = 1e-6
 
 # Of cosines, in units of 1.
 _ROUNDING = 1e-9
@@ -143,74 +135,14 @@ def _smooth_faces(
     half_cosine = math.cos(math.radians(angle_degrees) / 2) + _ROUNDING
     tables = faces, normals, angles, point_ids, begin, around
     with HostThreads() as threads:
-        threads.for_ranges(count, lambda first, end: measure_faces(vertices, faces, scale, first, end, normals, angles))
         threads.for_ranges(
-            len(begin) - 1, lambda first, end: _smooth(*tables, least_cosine, half_cosine, first, end, smooth)
+            count, lambda first, end: NORMALS.measure_faces(vertices, faces, scale, first, end, normals, angles)
+        )
+        threads.for_ranges(
+            len(begin) - 1,
+            lambda first, end: NORMALS.smooth_corners(*tables, least_cosine, half_cosine, first, end, smooth),
         )
     return smooth
-
-
-@compiled(error_model="numpy")
-def _smooth(
-    faces, normals, angles, point_ids, begin, around, least_cosine, half_cosine, first_point, end_point, smooth
-):
-    """Write the normals at the corners in some points."""
-    for point in range(first_point, end_point):
-        first, end = begin[point], begin[point + 1]
-        # Where all normals are within half the angle of one, no two differ by more: nearly everywhere, nearly always.
-        x, y, z = 0.0, 0.0, 0.0
-        for slot in range(first, end):
-            face = around[slot]
-            angle = _angle_at(faces, angles, point_ids, face, point)
-            x, y, z = x + angle * normals[face, 0], y + angle * normals[face, 1], z + angle * normals[face, 2]
-        length = math.sqrt(x * x + y * y + z * z)
-        is_smooth = length > 0.0
-        for slot in range(first, end):
-            face = around[slot]
-            cosine = x * normals[face, 0] + y * normals[face, 1] + z * normals[face, 2]
-            if not cosine > half_cosine * length:
-                is_smooth = False
-                break
-        if is_smooth:
-            for slot in range(first, end):
-                _store(faces, point_ids, around[slot], point, x / length, y / length, z / length, smooth)
-            continue
-        step = 1 + (end - first - 1) // _MOST_COMPARED
-        for slot in range(first, end):
-            face = around[slot]
-            nx, ny, nz = normals[face, 0], normals[face, 1], normals[face, 2]
-            has_area = nx != 0.0 or ny != 0.0 or nz != 0.0
-            least = least_cosine if has_area else -2.0
-            x, y, z, weight = 0.0, 0.0, 0.0, 0.0
-            for other_slot in range(first + (slot - first) % step, end, step):
-                other = around[other_slot]
-                ox, oy, oz = normals[other, 0], normals[other, 1], normals[other, 2]
-                if other == face or nx * ox + ny * oy + nz * oz > least:
-                    angle = _angle_at(faces, angles, point_ids, other, point)
-                    x, y, z, weight = x + angle * ox, y + angle * oy, z + angle * oz, weight + angle
-            length = math.sqrt(x * x + y * y + z * z)
-            if not length > _LEAST_SHARE * weight:
-                # The normals cancel each other: the corner has that of its own face.
-                x, y, z, length = nx, ny, nz, 1.0
-                if not has_area:
-                    x, y, z = 0.0, 0.0, 1.0
-            _store(faces, point_ids, face, point, x / length, y / length, z / length, smooth)
-
-
-@compiled
-def _store(faces, point_ids, face, point, x, y, z, smooth):
-    for corner in range(3):
-        if point_ids[faces[face, corner]] == point:
-            smooth[face, corner, 0], smooth[face, corner, 1], smooth[face, corner, 2] = x, y, z
-
-
-@compiled
-def _angle_at(faces, angles, point_ids, face, point):
-    """Return the angle of a face at a point. One with two corners there has no area, and so no angle."""
-    for corner in range(3):
-        if point_ids[faces[face, corner]] == point:
-            return angles[face, corner]
-    return 0.0
 
 
 def flatten(mesh: Mesh, faces: NDArray[np.bool_]) -> Appearance:
@@ -268,7 +200,7 @@ def find_tangents(mesh: Mesh, normals: NDArray[np.float32], uvs: NDArray[np.floa
     unit_normals = normals.astype(np.float64)
     flat, has_direction = _flatten(np.broadcast_to(along_u[:, None], points.shape), unit_normals)
     angles = np.empty((mesh.face_count, 3))
-    measure_faces(mesh.vertices, mesh.faces, mesh.scale, 0, mesh.face_count, np.empty_like(angles), angles)
+    NORMALS.measure_faces(mesh.vertices, mesh.faces, mesh.scale, 0, mesh.face_count, np.empty_like(angles), angles)
     weighted = (np.where(has_direction, angles, 0.0)[..., None] * flat).reshape(-1, 3)
     groups = _find_groups(mesh, normals, uvs, signs)
     sums = np.stack([np.bincount(groups.ids, axis) for axis in weighted.T], axis=-1)

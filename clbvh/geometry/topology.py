@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..support.compiled import compiled
+from ..device.host.loops import Loops
 
 # Odd numbers without a pattern.
 FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0x27D4EB2F165667C5], np.uint64)
@@ -16,6 +15,8 @@ FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 
 
 # An edge is two indices in 64 bits; this many bits are the larger one.
 INDEX_BITS = 32
+
+NORMALS = Loops("geometry/normals")
 
 
 class EqualPoints(NamedTuple):
@@ -109,57 +110,8 @@ def find_corner_faces(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -
     first, ids = find_points(vertices)
     points, corner_faces = ids.astype(np.int32), np.empty(faces.size, np.int32)
     ends = np.zeros(len(first) + 1, np.int32)
-    _sort_corners(points, faces, ends, corner_faces)
+    NORMALS.sort_corners(points, faces, ends, corner_faces)
     return CornerFaces(points, ends, corner_faces)
-
-
-@compiled
-def _sort_corners(points, faces, begins, corner_faces):
-    """Write the faces of the corners by their points, and where each point's begin."""
-    for face in range(len(faces)):
-        for corner in range(3):
-            begins[points[faces[face, corner]]] += 1
-    for point in range(1, len(begins)):
-        begins[point] += begins[point - 1]
-    for face in range(len(faces) - 1, -1, -1):
-        for corner in range(3):
-            point = points[faces[face, corner]]
-            begins[point] -= 1
-            corner_faces[begins[point]] = face
-
-
-@compiled(error_model="numpy")
-def measure_corner(vertices, faces, scale, face, corner):
-    """Return a face's normal at a corner, not of length 1, its length, and the angle in radians.
-
-    Without an area all are 0. `scale` is a power of two that brings the mesh to a size of about 1.
-    """
-    own, following, last = faces[face, corner], faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
-    ux = (vertices[following, 0] - vertices[own, 0]) * scale
-    uy = (vertices[following, 1] - vertices[own, 1]) * scale
-    uz = (vertices[following, 2] - vertices[own, 2]) * scale
-    vx = (vertices[last, 0] - vertices[own, 0]) * scale
-    vy = (vertices[last, 1] - vertices[own, 1]) * scale
-    vz = (vertices[last, 2] - vertices[own, 2]) * scale
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    largest = max(abs(nx), abs(ny), abs(nz))
-    if largest == 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0
-    # Divided by the largest component first: the squares of a small triangle's normal could underflow.
-    nx, ny, nz = nx / largest, ny / largest, nz / largest
-    length = math.sqrt(nx * nx + ny * ny + nz * nz)
-    return nx, ny, nz, length, math.atan2(length * largest, ux * vx + uy * vy + uz * vz)
-
-
-@compiled(error_model="numpy")
-def measure_faces(vertices, faces, scale, begin, end, normals, angles):
-    """Write the unit normals of some faces, zero without an area, and the angles at their corners."""
-    for face in range(begin, end):
-        for corner in range(3):
-            nx, ny, nz, length, angles[face, corner] = measure_corner(vertices, faces, scale, face, corner)
-            if corner == 0:
-                unit = 1.0 if length == 0.0 else length
-                normals[face, 0], normals[face, 1], normals[face, 2] = nx / unit, ny / unit, nz / unit
 
 
 # The sum of unit vectors is no direction if it is shorter than this share of their weights: they cancel each other.
@@ -185,7 +137,7 @@ def find_vertex_normals(
     """
     first, point_ids = find_points(vertices)
     face_normals, angles = np.empty((len(faces), 3)), np.empty((len(faces), 3))
-    measure_faces(vertices, faces, scale, 0, len(faces), face_normals, angles)
+    NORMALS.measure_faces(vertices, faces, scale, 0, len(faces), face_normals, angles)
     angles[repeated] = 0.0
     corners, flat_angles = point_ids[faces], angles.ravel()
     weighted = (angles[..., None] * face_normals[:, None]).reshape(-1, 3)

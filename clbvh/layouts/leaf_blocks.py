@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from ..geometry import Mesh, Shape
 from ..geometry.corners import Bounded
-from ..geometry.mesh import is_degenerate
 from ..structs import NO_PRIM, SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS
 from ..support.compiled import compiled
 from ..support.host_threads import HostThreads
@@ -68,6 +67,18 @@ class LeafBlocks(NamedTuple):
             lambda begin, end: task(self.prims[begin:end], lanes[begin:end], lanes[begin:end].view(np.int32)),
             least_items=_LEAST_BLOCKS,
         )
+
+
+@compiled(is_inlined=True)
+def is_degenerate(vertices, faces, face):
+    """Return whether the corners of a face lie on one line or in one point; see `Mesh.degenerate_faces`."""
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    x, y, z = np.float64(vertices[a, 0]), np.float64(vertices[a, 1]), np.float64(vertices[a, 2])
+    ux, uy, uz = vertices[b, 0] - x, vertices[b, 1] - y, vertices[b, 2] - z
+    vx, vy, vz = vertices[c, 0] - x, vertices[c, 1] - y, vertices[c, 2] - z
+    # Differences of float32 values and their products fit float64, so collinear means equal products; of float64 values
+    # as far as they have no more digits.
+    return uy * vz == uz * vy and uz * vx == ux * vz and ux * vy == uy * vx
 
 
 @compiled

@@ -23,11 +23,10 @@ from numpy.typing import NDArray
 
 from ..errors import MeshError
 from ..geometry import Mesh
-from ..geometry.mesh import is_degenerate
 from ..structs import MOST_SHARED_VERTICES, NO_PRIM, SHARED_HEADER, SHARED_UNIT, SHARED_VERTEX_BITS
 from ..support.compiled import compiled
 from ..support.host_threads import HostThreads
-from .leaf_blocks import ask_ahead
+from .leaf_blocks import ask_ahead, is_degenerate
 
 _WIDTH = 8
 _UNIT_WORDS = SHARED_UNIT.itemsize // 4

@@ -5,8 +5,8 @@ Each kernel gets an entry, a plain C function that runs a range of work-groups::
     void LEVEL_KERNEL_MACROS(const uchar *launch, long first_group, long end_group)
 
 `launch` is four ints, the columns and rows of the work-groups and of the work-items of each, and then the kernel's
-arguments in slots of 8 bytes. Objects are kept by the text that they were made of, so that a change compiles anew only
-what it touches.
+arguments in slots of 8 bytes. A loop of `cl/host/` gets an entry with its own parameters. Objects are kept by the text
+that they were made of, so that a change compiles anew only what it touches.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from typing import NamedTuple
 from ...errors import ConfigError, DeviceError, KernelBuildError
 from ...support.folders import find_cache, find_folder
 from ...support.host_threads import usable_cores
-from ..sources import ENTRY_POINT, expand_shipped, expand_source, find_arguments
-from .variants import FIXED, Variant, list_variants, machine
+from ..sources import ENTRY_POINT, LOOP, expand_shipped, expand_source, find_arguments, find_loops
+from .variants import FIXED, Variant, list_loop_files, list_variants, loop_entry, machine
 
 COMPILER_VARIABLE = "CLBVH_CLANG"
 OBJECTS_VARIABLE = "CLBVH_OBJECTS"
@@ -58,7 +58,10 @@ _OPTIONS = (
 )  # fmt: skip
 _C_OPTIONS = ("-x", "c", "-O2", "-fPIC", "-fvisibility=hidden", "-c")
 
+_VISIBLE = '__attribute__((visibility("default")))'
+
 _BUILTINS = "host/builtins.cl"
+_LOOP_BUILTINS = "host/loops.cl"
 _LEVEL = "host/level.c"
 
 
@@ -131,7 +134,7 @@ def build_library(
     jobs : int, optional
         Compilers at a time; by default the number of usable processors.
     variants : iterable of Variant
-        By default all.
+        By default all, and then there are all loops as well.
     macros : mapping of str to int, optional
         Besides those of each variant.
 
@@ -145,8 +148,11 @@ def build_library(
     compiler = _need_compiler()
     names = LEVELS[machine()]
     levels = sorted(levels)
-    chosen = list(variants) or list_variants()
+    variants = list(variants)
+    chosen = variants or list_variants()
     units = [_variant_unit(variant, level, names[level], macros or {}) for level in levels for variant in chosen]
+    if not variants:
+        units += [_loops_unit(name, level) for level in levels for name in list_loop_files()]
     _link(compiler, target, objects, [*units, _level_unit(tuple(levels))], jobs)
 
 
@@ -174,6 +180,19 @@ def build_program(objects: Path, source: str, macros: Mapping[str, int], level: 
     compiler = _need_compiler()
     entries = {kernel: f"{level}_{kernel}" for kernel in find_arguments(source)}
     unit = _unit(source, entries, LEVELS[machine()][level], macros)
+    target = objects / f"{_digest(compiler, unit)}.so"
+    if not target.exists():
+        _link(compiler, target, objects, [unit], 1)
+    return target
+
+
+def build_loops(objects: Path, name: str, level: str) -> Path:
+    """Compile one file of loops; return a library of its own, with the entries of the whole one.
+
+    Parameters and errors are those of `build_program`; the name is that of the file.
+    """
+    compiler = _need_compiler()
+    unit = _loops_unit(name, level)
     target = objects / f"{_digest(compiler, unit)}.so"
     if not target.exists():
         _link(compiler, target, objects, [unit], 1)
@@ -222,8 +241,25 @@ def _unit(source: str, entries: Mapping[str, str], processor: str, macros: Mappi
     return _Unit((*_OPTIONS, *_target_options(processor), *defines), text, ".cl")
 
 
+# The length of an array, which a declaration gives for host/loops.py, and which OpenCL C does not allow.
+_LENGTH = re.compile(r"(?<=\w)\[[^\]]*[a-z][^\]]*\]")
+_PARAMETER_NAME = re.compile(r"(\w+)(?:\[[^\]]*\])*\s*(?:,|$)")
+
+
+def _loops_unit(name: str, level: str) -> _Unit:
+    """Return what compiles the loops of a file for a level, with their entries."""
+    source = LOOP.sub(lambda declaration: _LENGTH.sub("[]", declaration[0]), expand_shipped(f"host/{name}.cl"))
+    texts = []
+    for loop, (result, parameters) in find_loops(source).items():
+        entry, passed = f"{level}_{loop_entry(name, loop)}", ", ".join(_PARAMETER_NAME.findall(parameters))
+        call = f"{'' if result == 'void' else 'return '}{loop}({passed});"
+        texts.append(f"extern {_VISIBLE} {result} {entry}({parameters}) {{ {call} }}\n")
+    options = *_OPTIONS, *_target_options(LEVELS[machine()][level])
+    return _Unit(options, expand_shipped(_BUILTINS) + expand_shipped(_LOOP_BUILTINS) + source + "".join(texts), ".cl")
+
+
 def _level_unit(levels: tuple[str, ...]) -> _Unit:
-    facts = f'__attribute__((visibility("default"))) const char clbvh_facts[] = "{find_digest()} {" ".join(levels)}";\n'
+    facts = f'{_VISIBLE} const char clbvh_facts[] = "{find_digest()} {" ".join(levels)}";\n'
     text = (find_folder("cl") / _LEVEL).read_text(encoding="utf-8")
     return _Unit((*_C_OPTIONS, *_target_options("")), text + facts, ".c")
 
@@ -233,8 +269,9 @@ def _target_options(processor: str) -> tuple[str, ...]:
 
 
 # The slots are behind the four numbers of the launch.
-_ENTRY = """
-extern __attribute__((visibility("default"))) void {entry}(
+_ENTRY = (
+    f"extern {_VISIBLE} "
+    + """void {entry}(
     const uchar *launch, const long first_group, const long end_group)
 {{
     const int *shape = (const int *)launch;
@@ -257,6 +294,7 @@ extern __attribute__((visibility("default"))) void {entry}(
     }}
 }}
 """
+)
 
 
 def _entry_text(kernel: str, arguments: dict[str, str | None], entry: str) -> str:

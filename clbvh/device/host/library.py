@@ -23,7 +23,7 @@ from ...support.forks import make_lock
 from ...support.say_once import say_compiling
 from ..kernel import Kernel
 from ..sources import expand_shipped, find_arguments
-from .variants import FIXED, Variant, library_name, machine
+from .variants import FIXED, Variant, library_name, loop_entry, machine
 
 LEVEL_VARIABLE = "CLBVH_HOST_LEVEL"
 LIBRARY_VARIABLE = "CLBVH_HOST_LIBRARY"
@@ -180,11 +180,20 @@ class HostLibrary:
             arguments = find_arguments(expand_shipped(f"kernels/{name}.cl"))
             self._kernels[variant] = {
                 kernel: HostKernel(
-                    kernel, arguments[kernel], _find(self._library, f"{self.level}_{variant.entry(kernel)}")
+                    kernel, arguments[kernel], _find_entry(self._library, f"{self.level}_{variant.entry(kernel)}")
                 )
                 for kernel in arguments
             }
         return self._kernels[variant]
+
+    def loop(self, name: str, loop: str) -> Any:
+        """Return the function of a loop, see host/loops.py; `name` is that of its file below ``cl/host``."""
+        library = self._library
+        if os.environ.get(ON_DEMAND_VARIABLE):
+            from .compile import build_loops, find_objects
+
+            library = ctypes.CDLL(str(build_loops(find_objects(), name, self.level)))
+        return _find(library, f"{self.level}_{loop_entry(name, loop)}")
 
     def compile(self, source: str, macros: Mapping[str, int]) -> dict[str, HostKernel]:
         """Return the kernels of an expanded source that does not ship with clbvh, compiled for the same processor.
@@ -202,17 +211,21 @@ class HostLibrary:
         if key not in self._programs:
             library = ctypes.CDLL(str(build_program(find_objects(), source, dict(key[1]), self.level)))
             self._programs[key] = {
-                kernel: HostKernel(kernel, arguments, _find(library, f"{self.level}_{kernel}"))
+                kernel: HostKernel(kernel, arguments, _find_entry(library, f"{self.level}_{kernel}"))
                 for kernel, arguments in find_arguments(source).items()
             }
         return self._programs[key]
 
 
-def _find(library: ctypes.CDLL, entry: str) -> _Entry:
+def _find(library: ctypes.CDLL, entry: str) -> Any:
     try:
-        function = library[entry]
+        return library[entry]
     except AttributeError:
-        raise InternalError(f"the library for the host has no kernel {entry}: see host/variants.py") from None
+        raise InternalError(f"the library for the host has no {entry}: see host/variants.py") from None
+
+
+def _find_entry(library: ctypes.CDLL, entry: str) -> _Entry:
+    function = _find(library, entry)
     function.argtypes = (ctypes.c_char_p, ctypes.c_long, ctypes.c_long)
     function.restype = None
     return function

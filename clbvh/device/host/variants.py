@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from ...choices import REPORT_SHADINGS, SHADINGS
 from ...structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, LAYOUTS
+from ...support.folders import find_folder
 
 # Of every kernel of the host, whatever is asked for: a longer stack costs no time. Trees that need more are refused on
 # every device: a work-item's memory holds no more. No builder's tree is deeper than 64 levels, nor is the one over
@@ -85,6 +86,18 @@ class Variant(NamedTuple):
     def entry(self, kernel: str) -> str:
         """Return the name of a kernel's entry in the library, without that of the processor's level."""
         return "_".join([kernel, *(f"{macro}{value}" for macro, value in self.macros)])
+
+
+def list_loop_files() -> list[str]:
+    """Return the files of loops below ``cl/host``, without their ending."""
+    folder = find_folder("cl") / "host"
+    files = (path.relative_to(folder).with_suffix("").as_posix() for path in folder.rglob("*.cl"))
+    return sorted(name for name in files if "/" in name)
+
+
+def loop_entry(name: str, loop: str) -> str:
+    """Return the name of a loop's entry in the library, without that of the processor's level; `name` is its file's."""
+    return f"{name.replace('/', '_')}_{loop}"
 
 
 def list_variants() -> list[Variant]:

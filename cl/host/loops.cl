@@ -1,0 +1,9 @@
+// What loops of the host have besides what kernels have there. Compiled before them, after `host/builtins.cl`.
+
+// A function that Python calls, see clbvh/device/host/loops.py.
+#define loop static
+
+LEAST_AND_MOST(uint)
+LEAST_AND_MOST(ulong)
+LEAST_AND_MOST(double)
+LEAST_AND_MOST(double3)
