@@ -3,9 +3,9 @@ FROM python:3.12-slim
 COPY . /source
 # All levels: the image may move to another processor.
 RUN CLBVH_HOST_LEVELS=all pip install --no-cache-dir /source && rm -r /source
-# Machine code that the container compiles stays in it; a user without a home can write there, too.
+# A user without a home can write there, too.
 ENV CLBVH_CACHE=/cache XDG_CACHE_HOME=/cache
-RUN mkdir -m 777 /cache /data && clbvh warmup && chmod -R a+rwX /cache
+RUN mkdir -m 777 /cache /data
 WORKDIR /data
 ENTRYPOINT ["clbvh"]
 CMD ["devices"]

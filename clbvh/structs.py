@@ -43,13 +43,14 @@ BOX_TAG = _lane(BOX, "tag")
 BOX_NEGATED_MAX = _lane(BOX, "negated_max")
 BOX_TALLY = _lane(BOX, "tally")
 
-# A primitive reference is a box whose tag is the primitive's id.
-PRIM_REF_ID = BOX_TAG
+# A leaf never lies deeper. Builders keep the promise by construction: as soon as a node's primitives need all levels
+# that are left, they split by halves. Spatial splits of real meshes stay below 40.
+MAX_DEPTH = 64
 
-# A node of a tree whose leaves are expanded, see `builders/reinsertion/expanded_tree.py`: a box whose tag is the index
-# of the first child, 0 in a leaf, and whose tally is the leaf's primitive.
-EXPANDED_FIRST = BOX_TAG
-EXPANDED_PRIM_ID = BOX_TALLY
+# The limits of options, and up to how many primitives of a node the default builder tries all divisions in two: four
+# have 7, five 15.
+MAX_BINS, MAX_LEAF_SIZE = 64, 255
+MAX_EXHAUSTIVE = 4
 
 # --- Trees on the device ---
 
@@ -57,11 +58,6 @@ EXPANDED_PRIM_ID = BOX_TALLY
 # the tests of two children. Index 0 is the left child, 1 the right one. `count[i] > 0`: child i is a leaf over the
 # triangles first[i] to first[i] + count[i]; `count[i] == 0`: child i is the node at first[i].
 BVH2_NODE = np.dtype([("aabb_min", "f4", (2, 3)), ("aabb_max", "f4", (2, 3)), ("first", "i4", 2), ("count", "i4", 2)])
-BVH2_LANES = _lane_count(BVH2_NODE)
-BVH2_MIN = _lane(BVH2_NODE, "aabb_min")  # of the left child; the right child's begin 3 lanes later
-BVH2_MAX = _lane(BVH2_NODE, "aabb_max")
-BVH2_FIRST = _lane(BVH2_NODE, "first")
-BVH2_COUNT = _lane(BVH2_NODE, "count")
 
 # A node of the `bvh4` and `bvh8` layouts: each coordinate of all child boxes side by side, so that a vector unit tests
 # all children at once. `child[i] >= 0` is the index of a node; otherwise `~child[i]` is the index of a triangle block.
@@ -124,15 +120,12 @@ TREE_SUMMARY = np.dtype(
 # A ray as it is uploaded, in local coordinates. The longest component of the direction is from 1 to 2; the unit of t is
 # the direction's length.
 PACKED_RAY = np.dtype([("origin", "f4", 3), ("t_min", "f4"), ("direction", "f4", 3), ("t_max", "f4")])
-PACKED_RAY_LANES = _lane_count(PACKED_RAY)
-PACKED_RAY_T_MIN = _lane(PACKED_RAY, "t_min")
-PACKED_RAY_DIRECTION = _lane(PACKED_RAY, "direction")
-PACKED_RAY_T_MAX = _lane(PACKED_RAY, "t_max")
+
+# An origin within this many times half the box's size is not advanced, see cl/rays/pack.cl.
+NEAR_SHARE = 8.0
 
 # A hit at (1 - u - v) a + u b + v c. On a miss t is infinite and prim_id is NO_PRIM.
 HIT = np.dtype([("t", "f4"), ("u", "f4"), ("v", "f4"), ("prim_id", "i4")])
-HIT_U = _lane(HIT, "u")
-HIT_PRIM_ID = _lane(HIT, "prim_id")
 
 # The steps of a ray's way to its closest hit, over both levels of the world, and that hit; see `count_steps`.
 STEPS = np.dtype([("node_steps", "i4"), ("leaf_visits", "i4"), ("prim_tests", "i4"), ("prim_id", "i4")])
@@ -142,16 +135,10 @@ STEPS = np.dtype([("node_steps", "i4"), ("leaf_visits", "i4"), ("prim_tests", "i
 # What float32 has rounded off the origin and the direction of a packed ray in a scene, and the ray's mask: only the
 # instances whose mask shares a bit with it are visible. The rays of a camera share one.
 RAY_LOW = np.dtype([("origin", "f4", 3), ("mask", "u4"), ("direction", "f4", 3), ("spare", "f4")])
-RAY_LOW_LANES = _lane_count(RAY_LOW)
-RAY_LOW_DIRECTION = _lane(RAY_LOW, "direction")
 
 # A point as it is uploaded, in local coordinates, and what float32 has rounded off it. Only the instances whose mask
 # shares a bit with the point's are visible to it; a lone shape is to all masks but 0, and uses no low part.
 PACKED_POINT = np.dtype([("position", "f4", 3), ("mask", "u4"), ("position_low", "f4", 3), ("spare", "f4")])
-PACKED_POINT_LANES = _lane_count(PACKED_POINT)
-PACKED_POINT_MASK = _lane(PACKED_POINT, "mask")
-PACKED_POINT_POSITION_LOW = _lane(PACKED_POINT, "position_low")
-PACKED_POINT_SPARE = _lane(PACKED_POINT, "spare")
 
 # A placed geometry: 128 bytes, two cache lines. Matrices are by rows.
 INSTANCE = np.dtype(
@@ -201,8 +188,6 @@ METRIC = np.dtype(
 
 # Of worlds that span scales, see cl/exact/ray.cl: a ray in the world's local coordinates, and its mask.
 EXACT_RAY = np.dtype([("origin", "f8", 3), ("direction", "f8", 3), ("mask", "u4"), ("spare", "u4")])
-EXACT_RAY_LANES = EXACT_RAY.itemsize // 8
-EXACT_RAY_DIRECTION = 3
 
 # And an instance. Matrices are by rows.
 EXACT_INSTANCE = np.dtype(
@@ -259,7 +244,6 @@ WORLD_HIT = np.dtype(
         ("t_inside", "f4"),
     ]
 )
-WORLD_HIT_INSTANCE_ID = _lane(WORLD_HIT, "instance_id")
 
 # A primitive of an instance, both NO_PRIM where there is none.
 WORLD_PRIM = np.dtype([("prim_id", "i4"), ("instance_id", "i4")])
@@ -277,12 +261,6 @@ HEMISPHERE = np.dtype(
         ("number", "u4"),
     ]
 )
-HEMISPHERE_LANES = _lane_count(HEMISPHERE)
-HEMISPHERE_MASK = _lane(HEMISPHERE, "mask")
-HEMISPHERE_POSITION_LOW = _lane(HEMISPHERE, "position_low")
-HEMISPHERE_T_MAX = _lane(HEMISPHERE, "t_max")
-HEMISPHERE_NORMAL = _lane(HEMISPHERE, "normal")
-HEMISPHERE_NUMBER = _lane(HEMISPHERE, "number")
 
 # --- Pictures ---
 
@@ -550,6 +528,11 @@ SETTLING_SAMPLES = 8
 DEVICE_CONSTANTS = {
     "SETTLING_SAMPLES": SETTLING_SAMPLES,
     "NO_PRIM": NO_PRIM,
+    "NEAR_SHARE": NEAR_SHARE,
+    "MAX_DEPTH": MAX_DEPTH,
+    "MAX_BINS": MAX_BINS,
+    "MAX_LEAF_SIZE": MAX_LEAF_SIZE,
+    "MAX_EXHAUSTIVE": MAX_EXHAUSTIVE,
     "FLAT_FACE": FLAT_FACE,
     "SHARED_HEADER": SHARED_HEADER,
     "SHARED_VERTEX_BITS": SHARED_VERTEX_BITS,

@@ -43,12 +43,10 @@ _OUT = Path(__file__).parents[1] / "out"
 # `--hypothesis-profile` comes later and wins.
 settings.load_profile(profiles.SHORT)
 
-# All workers, runs and processes of their own share what numba and PoCL compile, and what clang has compiled for the
-# installation, however a test sets `CLBVH_CACHE`. They read this when they are loaded, so nothing above may import
-# clbvh.
-for _variable, _folder in (("NUMBA_CACHE_DIR", "compiled"), ("POCL_CACHE_DIR", "pocl")):
-    (_OUT / "cache" / _folder).mkdir(parents=True, exist_ok=True)
-    os.environ.setdefault(_variable, str(_OUT / "cache" / _folder))
+# All workers, runs and processes of their own share what PoCL compiles, and what clang has compiled for the
+# installation, however a test sets `CLBVH_CACHE`.
+(_OUT / "cache" / "pocl").mkdir(parents=True, exist_ok=True)
+os.environ.setdefault("POCL_CACHE_DIR", str(_OUT / "cache" / "pocl"))
 os.environ.setdefault("CLBVH_OBJECTS", str(Path(user_cache_dir("clbvh", appauthor=False)) / "objects"))
 
 

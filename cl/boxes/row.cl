@@ -54,7 +54,9 @@ INLINED float8 with_tally(float8 row, const int tally)
 INLINED void add_to_row(box_row_t *row, const float8 box)
 {
     const float8 before = *row;
-    *row = with_tally(box < before ? box : before, tally_of(before) + 1);
+    const float8 counted = as_float8(as_int8(before) + 1);
+    const float8 united = unite(box, before);
+    *row = (float8)(united.s0123, united.s45, united.s6, counted.s7);
 }
 
 // Writes a row as a node of a finished tree. Subtracted from 0 instead of negated, which could make -0.0.
@@ -78,14 +80,20 @@ INLINED float8 doubled_centroid(const float8 row)
     return row - row.s45670123;
 }
 
+// The same along one axis.
+INLINED float doubled_centroid_on(const box_row_t *row, const int axis)
+{
+    const float *lanes = (const float *)row;
+    return lanes[axis] - lanes[axis + 4];
+}
+
 // Half the surface area of a box that is not empty: areas of a mesh that is 1e20 units wide do not fit float32.
 INLINED double box_half_area(const float8 row)
 {
     // Negative, which cancels in the products.
-    const double x = (double)row.s0 + (double)row.s4;
-    const double y = (double)row.s1 + (double)row.s5;
-    const double z = (double)row.s2 + (double)row.s6;
-    return x * y + y * z + z * x;
+    const double4 size = convert_double4(row.s0122) + convert_double4(row.s4566);
+    const double4 areas = size * size.s1200;
+    return areas.s0 + areas.s1 + areas.s2;
 }
 
 // The factors `bin_count / extent` of a box in the first three lanes; 0 on an axis whose extent is not above
@@ -97,9 +105,10 @@ INLINED float8 bin_scales(const float8 bounds, const float bin_count, const floa
     return extent > smallest_extent ? scale : (float8)(0.0f);
 }
 
-// The bins of a box's centroid on the three axes, each `(int)((centroid - lower) * scale)`.
-INLINED int3 bins_of(const float8 row, const float8 lower, const float8 scale)
+// The bins of a box's centroid on the three axes, each `(int)((centroid - lower) * scale)`; the fourth lane repeats the
+// third, since a tag is most often a number below the normal ones, and these take long to multiply.
+INLINED int4 bins_of(const float8 row, const float8 lower, const float8 scale)
 {
-    const float3 centroid = row.s012 - row.s456;
-    return convert_int3((centroid - lower.s012) * scale.s012);
+    const float4 centroid = row.s0122 - row.s4566;
+    return convert_int4((centroid - lower.s0122) * scale.s0122);
 }

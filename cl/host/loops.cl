@@ -7,3 +7,6 @@ LEAST_AND_MOST(uint)
 LEAST_AND_MOST(ulong)
 LEAST_AND_MOST(double)
 LEAST_AND_MOST(double3)
+
+#define convert_int4(x) __builtin_convertvector((x), int4)
+#define convert_double4(x) __builtin_convertvector((x), double4)

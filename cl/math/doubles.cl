@@ -1,5 +1,5 @@
-// Numbers and vectors of doubles, by the steps of the host's loops (clbvh/support/loop_functions.py), so that both find
-// the same bits: sums and products are rounded one by one, and of two operands that do not compare the first stays.
+// Numbers and vectors of doubles, with the same bits on every device: sums and products are rounded one by one, and of
+// two operands that do not compare the first stays.
 //
 // Assumes cl_khr_fp64, which has numbers below the normal ones and correctly rounded quotients.
 
@@ -74,29 +74,4 @@ INLINED double3 times_power_of_two3(const double3 v, const int exponent)
 {
     return (double3)(
         times_power_of_two(v.x, exponent), times_power_of_two(v.y, exponent), times_power_of_two(v.z, exponent));
-}
-
-// The angle of the vector (x, y) with y >= 0 in radians, from 0 to pi; its error is at most 2 units in the last place.
-// Both 0 give 0. By arctan(q) = arctan(c) + arctan((q - c) / (1 + q c)) for the nearest c of five, and the series of
-// what is left, at most 1/8.
-INLINED double arctangent_of(const double y, const double x)
-{
-    const double angles[5] = {
-        0.0, 0.24497866312686415417, 0.46364760900080611621, 0.64350110879328438680, 0.78539816339744830962,
-    };
-    const double width = fabs(x);
-    const double smaller_one = least_of(y, width);
-    const double larger_one = most_of(y, width);
-    const double quotient = larger_one > 0.0 ? smaller_one / larger_one : 0.0;
-    const int nearest = (int)(4.0 * quotient + 0.5);
-    const double c = 0.25 * nearest;
-    const double r = (quotient - c) / (1.0 + quotient * c);
-    const double t = r * r;
-    double series = 0.0;
-    for (int power = 17; power >= 3; power -= 2) {
-        series = t * ((power & 2 ? -1.0 : 1.0) / power + series);
-    }
-    const double of_quotient = angles[nearest] + (r + r * series);
-    const double from_x = y > width ? 1.57079632679489661923 - of_quotient : of_quotient;
-    return x < 0.0 ? 3.14159265358979323846 - from_x : from_x;
 }

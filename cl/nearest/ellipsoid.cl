@@ -1,19 +1,4 @@
-// The distance of a point from an ellipsoid.
-
-#include "math/vectors.cl"
-
-// Steps to the closest point of an ellipsoid: as many as float32 can use.
-#define ELLIPSOID_STEPS 12
-
-// The square of a coordinate's share in the half length of its axis; 0 for a coordinate of zero.
-INLINED float3 shares_at(const float3 pulls, const float3 above, const float shift)
-{
-    const float3 shares = pulls / (shift + above);
-    return (float3)(
-        pulls.x > 0.0f ? shares.x : 0.0f, pulls.y > 0.0f ? shares.y : 0.0f, pulls.z > 0.0f ? shares.z : 0.0f);
-}
-
-// The squared distance of a point from an ellipsoid around zero whose axes are those of the coordinates.
+// The point of an ellipsoid that is closest to another point, and its distance: a sphere under an affine map.
 //
 // The closest point x of y has x_i = l_i^2 y_i / (t + l_i^2) with the one t above -l_min^2 for which it is on the
 // ellipsoid (Eberly, "Distance from a point to an ellipse, an ellipsoid, or a hyperellipsoid", 2013). With t = l_min^2
@@ -21,35 +6,69 @@ INLINED float3 shares_at(const float3 pulls, const float3 above, const float shi
 // length of the shares is concave in s, so Newton's steps, which begin where a share alone is 1, never pass the s where
 // that length is 1 (More and Sorensen, "Computing a trust region step", 1983).
 //
-// position : not negative
-// lengths  : half lengths of the axes
-INLINED float distance_squared_to_ellipsoid(const float3 position, const float3 lengths)
+// Kernels use floats. IN_DOUBLES, if defined, doubles: for the host's loops, which include math/doubles.cl before.
+
+#include "math/numeric.cl"
+
+// Steps are as many as the numbers can use; five to seven are usual.
+#if defined(IN_DOUBLES)
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+typedef double span_t;
+typedef double3 span3_t;
+#define SMALLER_SPAN least_of
+#define LARGER_SPAN most_of
+#define ELLIPSOID_STEPS 64
+#else
+typedef float span_t;
+typedef float3 span3_t;
+#define SMALLER_SPAN smaller
+#define LARGER_SPAN larger
+#define ELLIPSOID_STEPS 12
+#endif
+
+INLINED span_t sum_of_squares(const span3_t v)
 {
-    const float least = smaller(lengths.x, smaller(lengths.y, lengths.z));
-    const float3 ratios = lengths / least;
-    const float3 above = (ratios - 1.0f) * (ratios + 1.0f);
-    const float3 pulls = ratios * (position / least);
-    const float3 starts = pulls - above;
-    float shift = larger(larger(starts.x, larger(starts.y, starts.z)), 0.0f);
-    float3 shares = shares_at(pulls, above, shift);
-    float squared = dot_product(shares, shares);
-    for (int i = 0; i < ELLIPSOID_STEPS && squared > 1.0f; i++) {
-        const float size = sqrt(squared);
+    return v.x * v.x + v.y * v.y + v.z * v.z;
+}
+
+// A coordinate's share in the half length of its axis; 0 for a coordinate of zero.
+INLINED span3_t shares_at(const span3_t pulls, const span3_t above, const span_t shift)
+{
+    const span3_t shares = pulls / (shift + above);
+    return (span3_t)(pulls.x > 0 ? shares.x : 0, pulls.y > 0 ? shares.y : 0, pulls.z > 0 ? shares.z : 0);
+}
+
+// The closest point of an ellipsoid around zero whose axes are those of the coordinates, in half lengths of its axes.
+// Of two at the same distance, the one off the plane across the first shortest axis.
+//
+// position            not negative
+// lengths             half lengths of the axes
+INLINED span3_t closest_shares(const span3_t position, const span3_t lengths)
+{
+    const span_t least = SMALLER_SPAN(lengths.x, SMALLER_SPAN(lengths.y, lengths.z));
+    const span3_t ratios = lengths / least;
+    const span3_t above = (ratios - 1) * (ratios + 1);
+    const span3_t pulls = ratios * (position / least);
+    const span3_t starts = pulls - above;
+    span_t shift = LARGER_SPAN(LARGER_SPAN(starts.x, LARGER_SPAN(starts.y, starts.z)), 0);
+    span3_t shares = shares_at(pulls, above, shift);
+    span_t squared = sum_of_squares(shares);
+    for (int i = 0; i < ELLIPSOID_STEPS && squared > 1; i++) {
         // Shares of zero have no part in the slope, though their denominators may be zero, too.
-        const float3 slopes = shares * shares / (shift + above);
-        const float slope = (shares.x > 0.0f ? slopes.x : 0.0f) + (shares.y > 0.0f ? slopes.y : 0.0f)
-            + (shares.z > 0.0f ? slopes.z : 0.0f);
-        const float next = shift + (size - 1.0f) * squared / slope;
+        const span3_t slopes = shares * shares / (shift + above);
+        const span_t slope =
+            (shares.x > 0 ? slopes.x : 0) + (shares.y > 0 ? slopes.y : 0) + (shares.z > 0 ? slopes.z : 0);
+        const span_t next = shift + (sqrt(squared) - 1) * squared / slope;
         if (!(next > shift)) {
             break;
         }
         shift = next;
         shares = shares_at(pulls, above, shift);
-        squared = dot_product(shares, shares);
+        squared = sum_of_squares(shares);
     }
-    // From the middle of the ellipsoid, the closest point is off the plane across the shortest axis, to either side.
-    if (shift == 0.0f && squared < 1.0f) {
-        const float rest = sqrt(1.0f - squared);
+    if (shift == 0 && squared < 1) {
+        // From the middle of the ellipsoid: off the plane across the shortest axis, to either side.
+        const span_t rest = sqrt(1 - squared);
         if (lengths.x == least) {
             shares.x = rest;
         } else if (lengths.y == least) {
@@ -57,10 +76,13 @@ INLINED float distance_squared_to_ellipsoid(const float3 position, const float3 
         } else {
             shares.z = rest;
         }
-    } else {
-        // Onto the ellipsoid: the distance is then never too small.
-        shares /= sqrt(squared);
+        return shares;
     }
-    const float3 way = position - shares * lengths;
-    return dot_product(way, way);
+    // Onto the ellipsoid: the distance is then never too small.
+    return shares / sqrt(squared);
+}
+
+INLINED span_t distance_squared_to_ellipsoid(const span3_t position, const span3_t lengths)
+{
+    return sum_of_squares(position - closest_shares(position, lengths) * lengths);
 }

@@ -1,61 +1,47 @@
-// The cheapest wide nodes that a binary tree contains, bottom-up: `choose_children` of `layouts/wide.py`, for one node
-// whose children have chosen already. The same numbers in the same order, so that both choose the same.
+// The cheapest wide nodes that a binary tree contains, bottom-up: the choice of one node whose halves have chosen.
+//
+// Of devices that build trees and of the host, `layouts/wide.py`: the same numbers in the same order, in float32, so
+// that both choose the same.
+//
+// Assumes TREE_WIDTH, the most children of a node.
 
-// Four bits of `shares` for each number of children, from 1 on.
-INLINED int share_of(const uint shares, const int children)
-{
-    return (int)(shares >> 4 * (children - 1)) & 15;
-}
+#include "math/numeric.cl"
 
-// What a child costs as 1 to TREE_WIDTH children.
-INLINED void load_costs(const tree_t *tree, const int cluster, const float area, float *costs)
+// Chooses for a node, and returns its shares, see tree/children.cl.
+//
+// left, right         what the halves cost as at most 1 to left_most and right_most children
+// most                of the node: left_most + right_most, or as many as a wide node has
+// area                half the surface of its box
+// block_cost          what it costs as a block; INFINITY if it has too many primitives for one
+// costs               what it costs as at most 1 to `most` children; written
+INLINED uint choose_children(
+    const float *left, const int left_most, const float *right, const int right_most, const int most, const float area,
+    const float block_cost, float *costs)
 {
-    const bool is_block = is_leaf(tree, cluster);
-    for (int i = 0; i < TREE_WIDTH; i++) {
-        costs[i] = is_block ? area + tree->block_price : tree->choices[cluster].cost[i];
-    }
-}
-
-INLINED void choose_children(
-    const tree_t *tree, const int number, const float area, const float left_area, const float right_area)
-{
-    const global merge_t *merge = tree->merges + number;
-    float left[TREE_WIDTH];
-    float right[TREE_WIDTH];
-    load_costs(tree, merge->left, left_area, left);
-    load_costs(tree, merge->right, right_area, right);
     // Entry i is for i + 1 children.
-    float costs[TREE_WIDTH];
     int shares[TREE_WIDTH];
 #pragma unroll
-    for (int i = 1; i < TREE_WIDTH; i++) {
+    for (int i = 1; i < most; i++) {
         costs[i] = INFINITY;
         shares[i] = 0;
 #pragma unroll
-        for (int j = 0; j < i; j++) {
-            const float cost = left[j] + right[i - 1 - j];
+        for (int j = 0; j < min(i, left_most); j++) {
+            const float cost = left[j] + right[min(i - j, right_most) - 1];
             shares[i] = cost < costs[i] ? j + 1 : shares[i];
             costs[i] = smaller(cost, costs[i]);
         }
     }
 
     // As one child: a wide node with the cheapest number of children, or a block.
-    costs[0] = costs[TREE_WIDTH - 1] + area;
-    shares[0] = shares[TREE_WIDTH - 1];
-    const float block_cost = area + tree->block_price;
-    if (merge->prim_count <= TREE_WIDTH && block_cost <= costs[0]) {
-        costs[0] = block_cost;
-        shares[0] = 0;
-    }
-    global choice_t *choice = tree->choices + number;
-    uint packed = (uint)shares[0];
-    choice->cost[0] = costs[0];
+    const float node_cost = costs[most - 1] + area;
+    const bool becomes_block = block_cost <= node_cost;
+    costs[0] = becomes_block ? block_cost : node_cost;
+    uint packed = becomes_block ? 0 : (uint)shares[most - 1];
 #pragma unroll
-    for (int i = 1; i < TREE_WIDTH; i++) {
+    for (int i = 1; i < most; i++) {
         const bool is_cheaper = costs[i] < costs[i - 1];
         packed |= (is_cheaper ? (uint)shares[i] : 0) << 4 * i;
         costs[i] = is_cheaper ? costs[i] : costs[i - 1];
-        choice->cost[i] = costs[i];
     }
-    choice->shares = packed;
+    return packed;
 }

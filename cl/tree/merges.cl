@@ -61,7 +61,36 @@ INLINED box_t box_of_cluster(const tree_t *tree, const int cluster)
 }
 
 #if TREE_WIDTH > 2
+
 #include "tree/choose.cl"
+
+// What a child costs as 1 to TREE_WIDTH children.
+INLINED void load_costs(const tree_t *tree, const int cluster, const float area, float *costs)
+{
+    const bool is_a_leaf = is_leaf(tree, cluster);
+    for (int i = 0; i < TREE_WIDTH; i++) {
+        costs[i] = is_a_leaf ? area + tree->block_price : tree->choices[cluster].cost[i];
+    }
+}
+
+INLINED void choose_for_merge(
+    const tree_t *tree, const int number, const float area, const float left_area, const float right_area)
+{
+    const global merge_t *merge = tree->merges + number;
+    float left[TREE_WIDTH];
+    float right[TREE_WIDTH];
+    float costs[TREE_WIDTH];
+    load_costs(tree, merge->left, left_area, left);
+    load_costs(tree, merge->right, right_area, right);
+    const float block_cost = merge->prim_count <= TREE_WIDTH ? area + tree->block_price : INFINITY;
+    global choice_t *choice = tree->choices + number;
+    choice->shares = choose_children(left, TREE_WIDTH, right, TREE_WIDTH, TREE_WIDTH, area, block_cost, costs);
+#pragma unroll
+    for (int i = 0; i < TREE_WIDTH; i++) {
+        choice->cost[i] = costs[i];
+    }
+}
+
 #endif
 
 // Make merge `number` of two clusters, whose boxes are given; returns its height.
@@ -98,7 +127,7 @@ INLINED int merge_clusters(
     tree->is_node[number] = 0;
 #if TREE_WIDTH > 2
     if (!becomes_leaf) {
-        choose_children(tree, number, area, box_area(left_box), box_area(right_box));
+        choose_for_merge(tree, number, area, box_area(left_box), box_area(right_box));
     }
 #endif
     return merge->height;

@@ -143,49 +143,28 @@ INLINED void place_root(const tree_t *tree, const output_t *output, const int ro
 
 #else
 
-// The clusters that become the children of a wide node, see `list_children` of `layouts/wide.py`; returns their number.
-INLINED int list_children(const tree_t *tree, const int number, int *children)
+INLINED int left_of(const tree_t *tree, const int number)
 {
-    int stack[TREE_WIDTH + 1];
-    int shares[TREE_WIDTH + 1];
-    int cluster = number;
-    int share = TREE_WIDTH;
-    int left_share = share_of(tree->choices[number].shares, 1);
-    int stack_size = 0;
-    int count = 0;
-    for (;;) {
-        if (left_share > 0) {
-            stack[stack_size] = tree->merges[cluster].right;
-            shares[stack_size++] = share - left_share;
-            cluster = tree->merges[cluster].left;
-            share = left_share;
-        } else {
-            children[count++] = cluster;
-            if (stack_size == 0) {
-                return count;
-            }
-            cluster = stack[--stack_size];
-            share = shares[stack_size];
-        }
-        left_share = 0;
-        if (!is_leaf(tree, cluster)) {
-            while (share > 1 && (left_share = share_of(tree->choices[cluster].shares, share)) == 0) {
-                share--;
-            }
-        }
-    }
+    return tree->merges[number].left;
 }
 
-INLINED bool is_block(const tree_t *tree, const int cluster)
+INLINED int right_of(const tree_t *tree, const int number)
 {
-    return is_leaf(tree, cluster) || share_of(tree->choices[cluster].shares, 1) == 0;
+    return tree->merges[number].right;
 }
+
+INLINED uint shares_of(const tree_t *tree, const int cluster)
+{
+    return is_leaf(tree, cluster) ? 0 : tree->choices[cluster].shares;
+}
+
+#include "tree/children.cl"
 
 // Mark the children of a wide node that are nodes, too.
 INLINED void mark_children(const tree_t *tree, const int number)
 {
     int children[TREE_WIDTH];
-    const int child_count = list_children(tree, number, children);
+    const int child_count = list_children(tree, number, TREE_WIDTH, children);
     for (int i = 0; i < child_count; i++) {
         if (!is_block(tree, children[i])) {
             tree->is_node[children[i]] = 1;
@@ -197,7 +176,7 @@ INLINED void mark_children(const tree_t *tree, const int number)
 INLINED void count_subtree(const tree_t *tree, const int number)
 {
     int children[TREE_WIDTH];
-    const int child_count = list_children(tree, number, children);
+    const int child_count = list_children(tree, number, TREE_WIDTH, children);
     int node_count = 1;
     int block_count = 0;
     for (int i = 0; i < child_count; i++) {
@@ -267,7 +246,7 @@ INLINED void place_children(
 INLINED void place_node(const tree_t *tree, const output_t *output, const int number)
 {
     int children[TREE_WIDTH];
-    const int child_count = list_children(tree, number, children);
+    const int child_count = list_children(tree, number, TREE_WIDTH, children);
     place_children(tree, output, tree->placements[number], children, child_count);
 }
 

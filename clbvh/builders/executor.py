@@ -89,8 +89,8 @@ class ThreadExecutor(Executor):
         return self.arrays[name]
 
     def share(self, name: str, array: NDArray[Any]) -> None:
-        """Let steps read the array itself; a copy where numba would compile every step once more for it."""
-        self.arrays[name] = np.require(array, requirements=["C", "W"])
+        """Let steps read the array itself."""
+        self.arrays[name] = np.ascontiguousarray(array)
 
     def discard(self, *names: str) -> None:
         """Let go of arrays."""

@@ -7,7 +7,7 @@ soon as that many levels are all that is left, a builder takes no other split.
 then all of the right one. So the nodes of a subtree are one block, apart from its root, and no index is left out.
 Builders make a tree in parts: a top, and below each leaf of the top a subtree whose nodes have numbers of their own, 0
 for its root, 1 and 2 for the root's children, and so on in the same order. Once the size of every subtree is known,
-`order_top` finds the indices of the top, and `index_of` turns a number within a subtree into an index.
+`place_top` finds the indices of the top, and those within a subtree follow from where it is placed.
 """
 
 from __future__ import annotations
@@ -17,46 +17,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..geometry.boxes import load_box, store_box
 from ..structs import NODE_COUNT, NODE_FIRST
-from ..support.compiled import compiled
-from .options import MAX_DEPTH
-
-
-@compiled
-def needs_halving(prim_count, depth):
-    """Say whether only splits by halves still keep `prim_count` primitives, at `depth`, above `MAX_DEPTH`."""
-    levels = 0
-    while (1 << levels) < prim_count:
-        levels += 1
-    return levels >= MAX_DEPTH - depth
-
-
-@compiled
-def middle_of(begin, end):
-    """Return where the right half of a range begins."""
-    return begin + (end - begin) // 2
-
-
-@compiled
-def insert_prim(prim_ids, begin, end, prim):
-    """Insert a primitive into the ascending list `prim_ids[begin:end]`, which then ends one later.
-
-    One step of an insertion sort: O(1) when primitives arrive in ascending order, and no memory besides the list.
-
-    Parameters
-    ----------
-    prim_ids : (n,) int32, changed in place
-        `prim_ids[end]` is overwritten.
-    begin, end : int
-    prim : int
-    """
-    slot = end
-    while slot > begin and prim_ids[slot - 1] > prim:
-        prim_ids[slot] = prim_ids[slot - 1]
-        slot -= 1
-    prim_ids[slot] = prim
 
 
 class Placement(NamedTuple):
@@ -116,63 +79,26 @@ class TopNode:
 
 def place_top(root: TopNode) -> int:
     """Give every node of a top its placement, once all subtrees are built; return the node count of the whole tree."""
-    # Breadth first, so that siblings stand side by side; the list grows while it is walked.
-    nodes, first_children = [root], []
-    for node in nodes:
-        first_children.append(len(nodes) if node.children else 0)
-        nodes += node.children
-    node_counts = [node.node_count for node in nodes]
-    placements, node_count = order_top(np.array(first_children), np.array(node_counts))
-    for node, placement in zip(nodes, placements.tolist(), strict=True):
-        node.placement = Placement(*placement)
-    return int(node_count)
+    root.placement, next_index = WHOLE_TREE, 1
+    stack = [root]
+    while stack:
+        node = stack.pop()
+        node.placement = node.placement._replace(below=next_index)
+        for number, child in enumerate(node.children):
+            child.placement = Placement(next_index + number, 0)
+        next_index += len(node.children) or node.node_count - 1
+        stack += node.children[::-1]
+    return next_index
 
 
-@compiled
-def order_top(first_children, node_counts):
-    """Find the indices of the nodes of a top.
-
-    Parameters
-    ----------
-    first_children : (k,) int64
-        For each node of the top the number of its left child, which the right one follows; 0 in a leaf of the top.
-    node_counts : (k,) int64
-        For a leaf of the top, how many nodes its subtree has.
-
-    Returns
-    -------
-    placements : (k, 2) int64
-        See `Placement`.
-    node_count : int
-        Nodes of the whole tree.
-    """
-    placements = np.empty((len(first_children), 2), np.int64)
-    stack = np.empty(MAX_DEPTH + 1, np.int64)
-    stack[0] = placements[0, 0] = 0
-    stack_size, next_index = 1, 1
-    while stack_size > 0:
-        stack_size -= 1
-        node = stack[stack_size]
-        placements[node, 1] = next_index
-        left = first_children[node]
-        if left == 0:
-            next_index += node_counts[node] - 1
-            continue
-        placements[left, 0], placements[left + 1, 0] = next_index, next_index + 1
-        next_index += 2
-        stack[stack_size], stack[stack_size + 1] = left + 1, left
-        stack_size += 2
-    return placements, next_index
-
-
-@compiled
-def index_of(number, placement):
-    """Return the index of the node with this number in a subtree."""
-    return placement.root if number == 0 else placement.below + number - 1
-
-
-@compiled
-def place_subtree(source, begin, node_count, prim_shift, placement, nodes):
+def place_subtree(
+    source: NDArray[np.float32],
+    begin: int,
+    node_count: int,
+    prim_shift: int,
+    placement: Placement,
+    nodes: NDArray[np.float32],
+) -> None:
     """Copy a subtree to its indices in the finished tree.
 
     Parameters
@@ -186,9 +112,9 @@ def place_subtree(source, begin, node_count, prim_shift, placement, nodes):
     placement : Placement
     nodes : (N, 8) float32, rows of `structs.NODE`, written
     """
-    node_ints = nodes.view(np.int32)
     child_shift = placement.below - (begin + 1)
-    for number in range(node_count):
-        index = index_of(number, placement)
-        store_box(nodes, index, load_box(source, begin + number))
-        node_ints[index, NODE_FIRST] += child_shift if node_ints[index, NODE_COUNT] == 0 else prim_shift
+    for first, end, index in ((begin, begin + 1, placement.root), (begin + 1, begin + node_count, placement.below)):
+        placed = nodes[index : index + end - first]
+        placed[:] = source[first:end]
+        lanes = placed.view(np.int32)
+        lanes[:, NODE_FIRST] += np.where(lanes[:, NODE_COUNT] == 0, np.int32(child_shift), np.int32(prim_shift))

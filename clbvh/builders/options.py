@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 
 from ..errors import ConfigError
+from ..structs import MAX_BINS, MAX_LEAF_SIZE
 
 MIN_BINS = 2
-MAX_BINS = 64
-MAX_LEAF_SIZE = 255
 MIN_FRONTIER = 4
 MAX_FRONTIER = 8192
 MAX_WORKERS = 1024  # a slip of the keyboard must not start a hundred thousand
@@ -18,10 +17,6 @@ DEFAULT_QUALITY = "default"
 FAST_QUALITY = "fast"
 HIGH_QUALITY = "high"
 QUALITIES = (FAST_QUALITY, DEFAULT_QUALITY, HIGH_QUALITY)
-
-# A leaf never lies deeper. The builder keeps the promise by construction: as soon as a node's primitives need all
-# levels that are left, it splits by halves. Spatial splits of real meshes stay below 40.
-MAX_DEPTH = 64
 
 
 @dataclass(frozen=True)
@@ -74,7 +69,6 @@ class BuildOptions:
             object.__setattr__(self, name, int(value))
         if isinstance(self.traversal_cost, bool) or not isinstance(self.traversal_cost, Real):
             raise ConfigError(f"traversal_cost must be a number, not {self.traversal_cost!r}")
-        # Another type of number would make numba compile the builder once more, for seconds.
         object.__setattr__(self, "traversal_cost", float(self.traversal_cost))
 
         if self.quality not in QUALITIES:

@@ -14,38 +14,21 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..device.host.loops import Loops
 from ..geometry import Mesh, Shape
 from ..geometry.corners import Bounded
-from ..support.compiled import compiled
 from ..support.stopwatch import Stopwatch
 from .refit import fit_nodes
 from .serialize import read_tree, write_tree
 
+_LOOPS = Loops("bvh/nodes")
 
-@compiled
-def find_depths(first, count):
-    """Return the number of edges from the root to each node, (N,) int32.
 
-    Parameters
-    ----------
-    first, count : (N,) int32
-        The fields of the nodes, in an order in which children lie behind their parent.
-    """
-    depths = np.zeros(len(first), np.int32)
-    for node in range(len(first)):
-        if count[node] == 0:
-            depths[first[node]] = depths[first[node] + 1] = depths[node] + 1
+def find_depths(nodes: NDArray[np.void]) -> NDArray[np.int32]:
+    """Return the number of edges from the root to each node, (N,) int32; children stand behind their parent."""
+    depths = np.zeros(len(nodes), np.int32)
+    _LOOPS.find_depths(np.ascontiguousarray(nodes), depths)
     return depths
-
-
-@compiled
-def measure_depth(first, count):
-    """Return the number of edges from the root to the deepest leaf; the parameters are those of `find_depths`."""
-    # Not numpy's `max`, which takes a second to compile.
-    deepest = 0
-    for depth in find_depths(first, count):
-        deepest = max(deepest, depth)
-    return deepest
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +76,7 @@ class Bvh:
     @cached_property
     def depth(self) -> int:
         """Number of edges from the root to the deepest leaf; 0 for a tree that is one leaf."""
-        # Fields of a single node are contiguous arrays, for which the function would be compiled once more.
-        return 0 if self.node_count == 1 else int(measure_depth(self.nodes["first"], self.nodes["count"]))
+        return int(find_depths(self.nodes).max())
 
     def refit(self, vertices: ArrayLike) -> Bvh:
         """Return a tree of the same topology around vertices that have moved.

@@ -68,7 +68,7 @@ def stats(
         Draw the histograms of leaf sizes and depths.
     """
     from ..builders.build import leaf_limit
-    from ..builders.options import FAST_QUALITY, MAX_DEPTH
+    from ..builders.options import FAST_QUALITY
     from ..builders.tree_cache import get_trees
     from ..bvh import validate_tree
     from ..device.select import choose_device
@@ -79,6 +79,7 @@ def stats(
     from ..stats import measure_tree
     from ..stats.tree_plot import check_plot_path, write_tree_plot
     from ..stats.tree_stats import OVERLAP_SAMPLE
+    from ..structs import MAX_DEPTH
     from ..support.stopwatch import Stopwatch, add_total
 
     # All input is checked before any work.

@@ -16,11 +16,10 @@ def warmup(
     device: Annotated[options.Device, Parameter(help=f"{options.DEVICE_HELP} Or all.")] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Compile functions and kernels ahead, by doing each kind of work once; for container images, too."""
+    """Compile the kernels of OpenCL devices ahead, by doing each kind of work once; for container images, too."""
     from rich.console import Console
 
     from ..device.select import choose_device, list_devices
-    from ..support.say_once import say_compiling
     from ..warmup import list_work
 
     if (device or "").strip().lower() == "all":
@@ -28,7 +27,6 @@ def warmup(
         devices = [info for info in list_devices() if info.is_available] or [choose_device()]
     else:
         devices = [choose_device(device)]
-    say_compiling("compiling for this machine what is not compiled yet: minutes on a new one")
     steps: list[dict[str, Any]] = []
     with Console(stderr=True).status("") as status:
         for info in devices:

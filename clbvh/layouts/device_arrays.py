@@ -14,25 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.bvh import Bvh
+from ..device.host.loops import Loops
 from ..geometry import Mesh, Shape
 from ..geometry.corners import Bounded
 from ..geometry.joined_shapes import batch_small
-from ..structs import (
-    BVH2_COUNT,
-    BVH2_FIRST,
-    BVH2_LANES,
-    BVH2_MAX,
-    BVH2_MIN,
-    BVH2_NODE,
-    COMPACT_LAYOUT,
-    LAYOUT_WIDTHS,
-    NODE_COUNT,
-    NODE_FIRST,
-    NODE_LANES,
-    NODE_MAX,
-    SHARED_UNIT,
-)
-from ..support.compiled import compiled
+from ..structs import BVH2_NODE, COMPACT_LAYOUT, LAYOUT_WIDTHS, SHARED_UNIT
 from ..support.host_threads import HostThreads
 from .leaf_blocks import LeafBlocks, block_struct
 from .shared_blocks import SharedBlocks
@@ -97,7 +83,7 @@ def make_all_arrays(bvhs: Sequence[Bvh], layout: str) -> list[DeviceArrays]:
 def _of_wide(shape: Shape, tree: WideTree, layout: str, threads: HostThreads) -> DeviceArrays:
     blocks: LeafBlocks | SharedBlocks = LeafBlocks(shape, tree.blocks)
     if has_shared_blocks(shape, layout):
-        blocks = SharedBlocks.make(shape, tree.blocks, tree.nodes["child"], threads)
+        blocks = SharedBlocks.make(shape, tree.blocks, tree.nodes, threads)
     # An entry point, see cl/traversal/entry_point.cl, can push up to width - 1 children that a descent from the root
     # would not push.
     return DeviceArrays(tree.nodes, blocks, tree.stack_size + LAYOUT_WIDTHS[layout] - 1)
@@ -120,8 +106,7 @@ def list_prims(shape: Shape) -> DeviceArrays:
     return DeviceArrays(np.empty(0, BVH2_NODE), LeafBlocks(shape, order), 0)
 
 
-# A missing child has an inverted box, from the greatest number to the least, which no ray hits.
-_GREATEST = np.finfo(np.float32).max
+_LOOPS = Loops("layouts/bvh2")
 
 
 def make_bvh2_nodes(bvh: Bvh) -> NDArray[np.void]:
@@ -136,36 +121,7 @@ def make_bvh2_nodes(bvh: Bvh) -> NDArray[np.void]:
     (max(1, interior nodes),) `structs.BVH2_NODE`
         In the tree's depth-first order; node 0 is the root.
     """
-    nodes = np.ascontiguousarray(bvh.nodes).view(np.float32).reshape(-1, NODE_LANES)
-    interior_count = max(1, len(nodes) // 2)
-    bvh2_nodes = np.empty((interior_count, BVH2_LANES), np.float32)
-    if len(nodes) == 1:
-        lone = bvh2_nodes.view(BVH2_NODE)[0, 0]
-        lone["aabb_min"][0], lone["aabb_max"][0] = bvh.nodes["aabb_min"][0], bvh.nodes["aabb_max"][0]
-        lone["aabb_min"][1], lone["aabb_max"][1] = _GREATEST, -_GREATEST
-        lone["first"], lone["count"] = bvh.nodes["first"][0], bvh.nodes["count"][0]
-    else:
-        _pair_children(nodes, nodes.view(np.int32), bvh2_nodes, bvh2_nodes.view(np.int32))
-    return bvh2_nodes.view(BVH2_NODE).reshape(-1)
-
-
-@compiled
-def _pair_children(nodes, node_ints, bvh2_nodes, bvh2_ints):
-    """Write one bvh2 node for each interior node, with the new indices of its children."""
-    new_indices = np.empty(len(nodes), np.int32)
-    interior_count = 0
-    for node in range(len(nodes)):
-        new_indices[node] = interior_count
-        interior_count += node_ints[node, NODE_COUNT] == 0
-    for node in range(len(nodes)):
-        if node_ints[node, NODE_COUNT] > 0:
-            continue
-        target = new_indices[node]
-        for side in range(2):
-            child = node_ints[node, NODE_FIRST] + side
-            for axis in range(3):
-                bvh2_nodes[target, BVH2_MIN + 3 * side + axis] = nodes[child, axis]
-                bvh2_nodes[target, BVH2_MAX + 3 * side + axis] = nodes[child, NODE_MAX + axis]
-            count = node_ints[child, NODE_COUNT]
-            bvh2_ints[target, BVH2_FIRST + side] = node_ints[child, NODE_FIRST] if count > 0 else new_indices[child]
-            bvh2_ints[target, BVH2_COUNT + side] = count
+    nodes = np.ascontiguousarray(bvh.nodes)
+    bvh2_nodes = np.empty(max(1, len(nodes) // 2), BVH2_NODE)
+    _LOOPS.pair_children(nodes, np.empty(len(nodes), np.int32), bvh2_nodes)
+    return bvh2_nodes

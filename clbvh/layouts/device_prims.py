@@ -87,7 +87,7 @@ class DevicePrims:
         ----------
         session : DeviceSession
         block_width : int
-            Primitives of a block, see `leaf_blocks.gather_blocks`.
+            Primitives of a block, see `LeafBlocks`.
         prims : buffer of (block_count, block_width) int32
         block_count : int
         blocks : buffer of structs, written

@@ -5,24 +5,23 @@ A primitive of `bvh2` is a block of one lane; the wide layouts have blocks of fo
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..device.host.library import HostKernel, open_library
 from ..geometry import Mesh, Shape
 from ..geometry.corners import Bounded
-from ..structs import NO_PRIM, SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS
-from ..support.compiled import compiled
+from ..structs import SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS
 from ..support.host_threads import HostThreads
-from ..support.loop_functions import prefetch
 
 # Least blocks of a thread's range: each takes 0.3 us.
 _LEAST_BLOCKS = 1 << 10
 
-# Prefetch distance in primitives, of vertices; of faces it is twice as far.
-_PRIMS_AHEAD = 32
+# Work-items of a work-group of the kernel.
+_GROUP_SIZE = 64
 
 
 def block_struct(shape: Bounded, width: int) -> np.dtype:
@@ -56,77 +55,27 @@ class LeafBlocks(NamedTuple):
         return len(self.prims)
 
     def write(self, items: NDArray[np.void], threads: HostThreads) -> None:
-        """Write the blocks into (G,) structs."""
-        shape, lanes = self.shape, items.view(np.float32).reshape(len(items), -1)
+        """Write the blocks into (G,) structs, by the kernel that writes those of a device."""
+        shape, is_mesh = self.shape, isinstance(self.shape, Mesh)
+        sources: dict[str, Any] = dict.fromkeys(("points", "corners", "centres", "radii", "degenerate", "boxes"))
         if isinstance(shape, Mesh):
-            task: Any = partial(_write_triangles, shape.local_vertices, shape.decisive_vertices, shape.faces)
+            sources |= {"points": shape.local_vertices, "corners": shape.faces}
+            if shape.spans_scales:
+                sources["degenerate"] = shape.degenerate_faces
         else:
-            task = partial(_write_spheres, shape.local_centres, shape.local_radii)
+            sources |= {"centres": shape.local_centres, "radii": shape.local_radii}
+        kernel = _find_kernel(self.prims.shape[1], is_mesh, is_mesh and sources["degenerate"] is None)
+        group_count = -(-len(items) // _GROUP_SIZE)
+        launch = kernel.bind(
+            (group_count, 1, _GROUP_SIZE, 1),
+            sources | {"prims": self.prims, "blocks": items, "block_count": len(items), "first_block": 0},
+        )
         threads.for_ranges(
-            len(items),
-            lambda begin, end: task(self.prims[begin:end], lanes[begin:end], lanes[begin:end].view(np.int32)),
-            least_items=_LEAST_BLOCKS,
+            group_count, lambda begin, end: kernel.entry(launch, begin, end), least_items=_LEAST_BLOCKS // _GROUP_SIZE
         )
 
 
-@compiled(is_inlined=True)
-def is_degenerate(vertices, faces, face):
-    """Return whether the corners of a face lie on one line or in one point; see `Mesh.degenerate_faces`."""
-    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-    x, y, z = np.float64(vertices[a, 0]), np.float64(vertices[a, 1]), np.float64(vertices[a, 2])
-    ux, uy, uz = vertices[b, 0] - x, vertices[b, 1] - y, vertices[b, 2] - z
-    vx, vy, vz = vertices[c, 0] - x, vertices[c, 1] - y, vertices[c, 2] - z
-    # Differences of float32 values and their products fit float64, so collinear means equal products; of float64 values
-    # as far as they have no more digits.
-    return uy * vz == uz * vy and uz * vx == ux * vz and ux * vy == uy * vx
-
-
-@compiled
-def _write_triangles(vertices, decisive, faces, prims, lanes, lane_ints):
-    width = prims.shape[1]
-    first_prim_id = 9 * width
-    for block in range(len(prims)):
-        ask_ahead(vertices, faces, prims, block)
-        for slot in range(width):
-            prim = prims[block, slot]
-            lane_ints[block, first_prim_id + slot] = prim
-            is_none = prim == NO_PRIM or is_degenerate(decisive, faces, prim)
-            for corner in range(3):
-                vertex = 0 if is_none else faces[prim, corner]
-                for axis in range(3):
-                    lanes[block, (3 * corner + axis) * width + slot] = np.nan if is_none else vertices[vertex, axis]
-
-
-@compiled(is_inlined=True)
-def ask_ahead(vertices, faces, prims, block):
-    """Ask for the memory of later blocks: their triangles lie anywhere.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float32
-    faces : (F, 3) int32
-    prims : (G, width) int32
-    block : int
-        The one whose turn it is.
-    """
-    width = prims.shape[1]
-    near, far = block + _PRIMS_AHEAD // width, block + 2 * _PRIMS_AHEAD // width
-    if far < len(prims):
-        for slot in range(width):
-            prefetch(faces, 3 * prims[far, slot])
-            prim = max(prims[near, slot], 0)
-            for corner in range(3):
-                prefetch(vertices, 3 * faces[prim, corner])
-
-
-@compiled
-def _write_spheres(centres, radii, prims, lanes, lane_ints):
-    width = prims.shape[1]
-    for block in range(len(prims)):
-        for slot in range(width):
-            prim = prims[block, slot]
-            is_missing = prim == NO_PRIM
-            for axis in range(3):
-                lanes[block, axis * width + slot] = np.nan if is_missing else centres[prim, axis]
-            lanes[block, 3 * width + slot] = np.nan if is_missing else radii[prim]
-            lane_ints[block, 4 * width + slot] = prim
+@cache
+def _find_kernel(width: int, is_mesh: bool, finds_degenerate: bool) -> HostKernel:
+    macros = {"BLOCK_WIDTH": width, "HAS_SPHERES": int(not is_mesh), "HAS_FP64": int(finds_degenerate)}
+    return open_library().kernels("write_blocks", macros)["write_blocks"]

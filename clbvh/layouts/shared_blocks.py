@@ -21,12 +21,11 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ..device.host.loops import Loops
 from ..errors import MeshError
 from ..geometry import Mesh
-from ..structs import MOST_SHARED_VERTICES, NO_PRIM, SHARED_HEADER, SHARED_UNIT, SHARED_VERTEX_BITS
-from ..support.compiled import compiled
+from ..structs import MOST_SHARED_VERTICES, SHARED_HEADER, SHARED_UNIT
 from ..support.host_threads import HostThreads
-from .leaf_blocks import ask_ahead, is_degenerate
 
 _WIDTH = 8
 _UNIT_WORDS = SHARED_UNIT.itemsize // 4
@@ -43,9 +42,7 @@ _MOST_UNITS = 1 << 29
 # Least leaves of a thread's range: each takes 0.2 us.
 _LEAST_LEAVES = 1 << 11
 
-# Vertex number and coordinate of all corners of a degenerate triangle.
-_NO_VERTEX = -1
-_NAN_BITS = int(np.float32(np.nan).view(np.int32))
+_LOOPS = Loops("layouts/shared")
 
 
 class SharedBlocks(NamedTuple):
@@ -60,7 +57,7 @@ class SharedBlocks(NamedTuple):
     parts: list[NDArray[np.void]]
 
     @classmethod
-    def make(cls, mesh: Mesh, prims: NDArray[np.int32], children: NDArray[np.int32], threads: HostThreads) -> Self:
+    def make(cls, mesh: Mesh, prims: NDArray[np.int32], nodes: NDArray[np.void], threads: HostThreads) -> Self:
         """Return the blocks of leaves, and let the children of nodes name them.
 
         Parameters
@@ -68,8 +65,8 @@ class SharedBlocks(NamedTuple):
         mesh : Mesh
         prims : (G, 8) int32
             Faces of each leaf, see `WideTree.blocks`.
-        children : (N, 8) int32, changed
-            Nodes, or ``~g`` of the leaf g, which becomes ``~unit``.
+        nodes : (N,) `structs.WIDE_NODES[8]`, changed
+            The child ``~g``, the leaf g, becomes ``~unit``.
         threads : HostThreads
 
         Raises
@@ -78,11 +75,12 @@ class SharedBlocks(NamedTuple):
             The blocks have more units than a triangle's number counts: about 300 million triangles.
         """
         begins = np.empty(len(prims), np.int64)
+        degenerate = mesh.degenerate_faces if mesh.spans_scales else None
 
         def make_part(begin: int, end: int) -> NDArray[np.void]:
             words = np.empty((end - begin) * _MOST_WORDS, np.int32)  # memory that is never written is never taken
-            unit_count = _write_leaves(
-                mesh.local_vertices, mesh.decisive_vertices, mesh.faces, prims[begin:end], begins[begin:end], words
+            unit_count = _LOOPS.write_leaves(
+                mesh.local_vertices, mesh.faces, degenerate, prims[begin:end], begins[begin:end], words
             )
             return words[: _UNIT_WORDS * unit_count].view(SHARED_UNIT)
 
@@ -94,7 +92,7 @@ class SharedBlocks(NamedTuple):
             unit_count += len(part)
         if unit_count > _MOST_UNITS:
             raise MeshError(f"{mesh.name}: {mesh.face_count:,} triangles are too many for the layout bvh8c")
-        threads.for_ranges(len(children), lambda begin, end: _name_leaves(begins, children[begin:end]))
+        threads.for_ranges(len(nodes), lambda begin, end: _LOOPS.name_leaves(begins, nodes[begin:end]))
         return cls([*parts, np.zeros(_PADDING_UNITS, SHARED_UNIT)])
 
     @property
@@ -111,115 +109,3 @@ class SharedBlocks(NamedTuple):
         """Write the blocks into units."""
         ends = np.cumsum([len(part) for part in self.parts])
         threads.run(np.copyto, list(zip(np.split(items, ends[:-1]), self.parts, strict=True)))
-
-
-@compiled
-def _write_leaves(vertices, decisive, faces, prims, begins, words):
-    """Write the blocks of leaves, and return the number of their units.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float32
-    decisive : (V, 3) float
-        See `Mesh.decisive_vertices`.
-    faces : (F, 3) int32
-    prims : (G, 8) int32
-    begins : (G,) int64, written
-        The first unit of each leaf.
-    words : (n,) int32, written
-    """
-    bits = vertices.view(np.int32)
-    # The block's vertices, with their numbers in the mesh, and those of its triangles' corners.
-    known, shared = np.empty(MOST_SHARED_VERTICES, np.int32), np.empty((MOST_SHARED_VERTICES, 3), np.int32)
-    corners = np.empty((_WIDTH, 3), np.int32)
-    unit = 0
-    for leaf in range(len(prims)):
-        begins[leaf] = unit
-        ask_ahead(vertices, faces, prims, leaf)
-        end = 0
-        while end < _WIDTH and prims[leaf, end] != NO_PRIM:
-            begin = end
-            end, vertex_count = _share(decisive, bits, faces, prims[leaf], begin, known, shared, corners)
-            size = (SHARED_HEADER + 3 * vertex_count + end - begin + _UNIT_WORDS - 1) // _UNIT_WORDS
-            is_last = end == _WIDTH or prims[leaf, end] == NO_PRIM
-            own = words[_UNIT_WORDS * unit : _UNIT_WORDS * (unit + size)]
-            own[SHARED_HEADER - 1] = vertex_count | (end - begin) << 8 | (0 if is_last else size) << 16
-            _write_block(prims[leaf, begin:end], shared[:vertex_count], corners, own)
-            unit += size
-    return unit
-
-
-@compiled(is_inlined=True)
-def _share(decisive, bits, faces, prims, begin, known, shared, corners):
-    """Find the vertices of a block's triangles; return the end of these, and the number of vertices.
-
-    Parameters
-    ----------
-    decisive : (V, 3) float
-    bits : (V, 3) int32
-        Those of the local vertices.
-    faces : (F, 3) int32
-    prims : (8,) int32
-        Of the leaf; the block's triangles begin at `begin`.
-    begin : int
-    known : (16,) int32, written
-        The mesh's number of each vertex.
-    shared : (16, 3) int32, written
-        The coordinates of each vertex.
-    corners : (8, 3) int32, written
-        The vertices of each triangle.
-    """
-    end, vertex_count = begin, 0
-    while end < _WIDTH and prims[end] != NO_PRIM:
-        prim, count = prims[end], vertex_count
-        is_none = is_degenerate(decisive, faces, prim)
-        for corner in range(3):
-            vertex = _NO_VERTEX if is_none else faces[prim, corner]
-            index = 0
-            while index < count and known[index] != vertex:
-                index += 1
-            if index == count:
-                x = _NAN_BITS if is_none else bits[vertex, 0]
-                y = _NAN_BITS if is_none else bits[vertex, 1]
-                z = _NAN_BITS if is_none else bits[vertex, 2]
-                index = 0
-                while index < count and not (shared[index, 0] == x and shared[index, 1] == y and shared[index, 2] == z):
-                    index += 1
-                if index == MOST_SHARED_VERTICES:
-                    return end, vertex_count
-                if index == count:
-                    known[index] = vertex
-                    shared[index, 0], shared[index, 1], shared[index, 2] = x, y, z
-                    count += 1
-            corners[end - begin, corner] = index
-        vertex_count = count
-        end += 1
-    return end, vertex_count
-
-
-@compiled(is_inlined=True)
-def _write_block(prims, shared, corners, words):
-    """Write all of a block but its sizes."""
-    for corner in range(3):
-        row = np.uint32(0)
-        for slot in range(len(prims)):
-            row |= np.uint32(corners[slot, corner]) << np.uint32(SHARED_VERTEX_BITS * slot)
-        words[corner] = np.int32(row)
-    at = SHARED_HEADER
-    for axis in range(3):
-        for vertex in range(len(shared)):
-            words[at] = shared[vertex, axis]
-            at += 1
-    for slot in range(len(prims)):
-        words[at] = prims[slot]
-        at += 1
-    words[at:] = 0
-
-
-@compiled
-def _name_leaves(begins, children):
-    for node in range(len(children)):
-        for slot in range(children.shape[1]):
-            child = children[node, slot]
-            if child < 0:
-                children[node, slot] = ~np.int32(begins[~child])

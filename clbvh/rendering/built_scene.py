@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..builders.build import leaf_limit
-from ..builders.options import MAX_DEPTH
 from ..builders.tree_cache import BuildResult, get_trees
 from ..bvh import Bvh, sah_cost, validate_tree
 from ..device.select import choose_devices
@@ -19,6 +18,7 @@ from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
 from ..geometry.corners import Bounded
 from ..scene.state import SceneState, dress_shapes
+from ..structs import MAX_DEPTH
 from ..trace.hits.surface import Surface
 from ..trace.world.trees import BRUTE, check_fit
 from ..trace.world.world import World, open_world

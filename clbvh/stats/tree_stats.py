@@ -136,10 +136,9 @@ def measure_tree(
     >>> stats.mean_leaf_size <= 4 and stats.sah_cost == clbvh.sah_cost(bvh)
     True
     """
-    first, count = bvh.nodes["first"], bvh.nodes["count"]
-    is_leaf = count > 0
-    leaf_sizes = count[is_leaf]
-    leaf_depths = find_depths(first, count)[is_leaf]
+    is_leaf = bvh.nodes["count"] > 0
+    leaf_sizes = bvh.nodes["count"][is_leaf]
+    leaf_depths = find_depths(bvh.nodes)[is_leaf]
     leaf_count = len(leaf_sizes)
     interior_count = bvh.node_count - leaf_count
     overlap = measure_overlap(

@@ -20,7 +20,6 @@ import psutil
 from ..device.info import DeviceInfo
 from ..device.select import choose_device, list_devices
 from ..errors import DeviceError
-from ..support.compiled import digest_sources
 from ..support.files import write_atomically
 from ..support.folders import find_folder
 from ..support.host_threads import usable_cores
@@ -32,12 +31,12 @@ FILE_NAME = "machines.json"
 EVENTS = {"instructions": "instructions", "cache-misses": "cache_misses"}
 
 # Packages whose version can change a figure.
-_MEASURED = ("clbvh", "numpy", "numba", "llvmlite", "pyopencl", "trimesh", "rtree", "open3d", "embreex")
+_MEASURED = ("clbvh", "numpy", "pyopencl", "trimesh", "rtree", "open3d", "embreex")
 _PRESENTING_ROOMS = ("cli", "conformance", "study")
 _DIGITS = 12
 _GIB = 1 << 30
 
-# Builds some trees; the first build also loads the compiled code.
+# Builds some trees.
 _BUILD = """
 import sys
 from clbvh.builders.build import build
@@ -200,9 +199,14 @@ def _run_perf(command: list[str]) -> dict[str, float]:
 
 def _digest_sources() -> str:
     """Return a digest of the code that is measured: all of it but the rooms that only present."""
-    python = digest_sources(Path(__file__).resolve().parents[1], without=_PRESENTING_ROOMS)
-    kernels = digest_sources(find_folder("cl"), "**/*.cl")
-    return python[: _DIGITS // 2] + kernels[: _DIGITS // 2]
+    digest = hashlib.sha256()
+    package = Path(__file__).resolve().parents[1]
+    for folder, pattern in ((package, "**/*.py"), (find_folder("cl"), "**/*.c*")):
+        for path in sorted(folder.glob(pattern)):
+            name = path.relative_to(folder)
+            if name.parts[0] not in _PRESENTING_ROOMS:
+                digest.update(f"{name.as_posix()}\0".encode() + path.read_bytes() + b"\0")
+    return digest.hexdigest()[:_DIGITS]
 
 
 def _describe(info: DeviceInfo) -> str:

@@ -1,7 +1,7 @@
 """Where things are: the user's cache, the folders that ship with clbvh, and the version of the package.
 
-The cache holds files that can be made or fetched again: meshes, trees, machine code, measured settings. A wheel carries
-kernel sources and scenes inside the package; a source checkout and an editable install have them one folder up.
+The cache holds files that can be made or fetched again: meshes, trees, measured settings. A wheel carries kernel
+sources and scenes inside the package; a source checkout and an editable install have them one folder up.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ def find_cache() -> Path:
     if (users := find_users_folder(user_cache_dir)) is not None:
         return users
     say_once(
-        f"this user has no home folder, so compiled code is kept until the program ends: set {CACHE_VARIABLE} to a "
-        "folder that can be written to",
+        "this user has no home folder, so trees and settings are kept until the program ends: "
+        f"set {CACHE_VARIABLE} to a folder that can be written to",
         about="unusable cache",
     )
     try:

@@ -42,12 +42,6 @@ def renew_in_child(thing: Renewable) -> None:
     _renewables.add(thing)
 
 
-def wait_before_fork(lock: Any) -> None:
-    """Let forks wait for a lock, which guards what must not be half done in a child."""
-    if hasattr(os, "register_at_fork"):
-        os.register_at_fork(before=lock.acquire, after_in_parent=lock.release, after_in_child=lock.release)
-
-
 def _find_property_locks() -> list[Any]:
     """Return the locks of all cached properties, which Python 3.11 has: one for all instances of a class."""
     modules = [(name, module) for name, module in list(sys.modules.items()) if name.startswith(_PACKAGE)]

@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..device.info import DeviceInfo
 from ..geometry.arrays import is_device_array, wait_for
-from ..structs import FAR_RADII, PACKED_RAY, RAY_LOW, STEPS
+from ..structs import FAR_RADII, NEAR_SHARE, PACKED_RAY, RAY_LOW, STEPS
 from ..support.say_once import say_once
 from .launch import Batch, Call, Caster, Query
 from .rays.batch import Broadcast, DeviceRays, RayBatch, RayRows, read_vectors
-from .rays.pack import ALL_VISIBLE, NEAR_SHARE, explain_bad_ray, find_shared_low, pack_rays
+from .rays.pack import ALL_VISIBLE, explain_bad_ray, find_shared_low, pack_rays
 from .rays.pieces import CHUNK_RAYS, MOST_SAMPLED_BYTES, Progress, RayPiece, cut_points, cut_rays
 from .world.starts import AT_THE_ROOT, TILE_KERNEL, find_entry_points
 from .world.tree_box import TreeBox
@@ -168,7 +168,7 @@ def _pack_on_device(call: Call, rays: DeviceRays, piece: RayPiece, arrays: dict[
     kernel = session.kernel("pack_rays", {"EXACT": 1} if world.is_exact else {})
     session.run(
         kernel, (count,), (session.settings.work_group_size,), **arrays,
-        box=call.put("box", np.array([*world.box.centre, *world.box.half, world.box.scale])),
+        box=call.put("box", world.box.as_numbers()),
         masks=call.put("masks", masks), mask_step=np.int32(len(masks) > 1), rays=packed, lows=lows, bad=bad_buffer,
     )  # fmt: skip
     session.download(bad_buffer, bad)

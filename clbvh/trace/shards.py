@@ -27,7 +27,6 @@ from ..geometry import Mesh
 from ..geometry.shards import Shard, read_shards
 from ..scene.scene import Scene
 from ..structs import HIT, NO_PRIM, PACKED_RAY
-from ..support.compiled import compiled
 from ..support.context_manager import ContextManager
 from ..support.forks import make_lock
 from .hits.all_hits import OFFSET_BITS, OFFSET_MASK, find_crossings, keep_order, refine_rays, running_sums
@@ -524,16 +523,15 @@ def _cast_closest(
     cast_rays(caster, batch, rays.shape, cast, None)
 
 
-@compiled
-def _keep_nearer(found, rays, prim_ids, device_t, prims):
+def _keep_nearer(
+    found: NDArray[np.void], rays: NDArray[np.int64], prim_ids: NDArray[np.int32], device_t: NDArray[np.float32],
+    prims: NDArray[np.int32],
+) -> NDArray[np.bool_]:  # fmt: skip
     """Keep the hits that come before the rays' earlier ones, by t and then by face; return (n,) bool: which."""
-    is_nearer = np.zeros(len(found), np.bool_)
-    for hit in range(len(found)):
-        prim, ray, t = found[hit].prim_id, rays[hit], found[hit].t
-        if prim != NO_PRIM:
-            face = prim_ids[prim]
-            if t < device_t[ray] or (t == device_t[ray] and face < prims[ray]):
-                is_nearer[hit], device_t[ray], prims[ray] = True, t, face
+    t, faces = found["t"], prim_ids[found["prim_id"]]
+    is_nearer = (t < device_t[rays]) | ((t == device_t[rays]) & (faces < prims[rays]))
+    is_nearer &= found["prim_id"] != NO_PRIM
+    device_t[rays[is_nearer]], prims[rays[is_nearer]] = t[is_nearer], faces[is_nearer]
     return is_nearer
 
 
@@ -565,7 +563,7 @@ def _cross(
     firsts = crossings.segment_begins[crossings.sources >> OFFSET_BITS] + (crossings.sources & OFFSET_MASK)
     rows = np.repeat(firsts - offsets[:-1], counts) + np.arange(offsets[-1])
     hits = refined._replace(prim_id=prim_ids[refined.prim_id])
-    parts.append((np.repeat(rays, counts), crossings.found[rows, 0], hits))
+    parts.append((np.repeat(rays, counts), crossings.found["t"][rows], hits))
 
 
 def _find_nearer(

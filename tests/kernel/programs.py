@@ -9,7 +9,10 @@ import numpy as np
 
 from clbvh.structs import DEVICE_STRUCTS, LAYOUTS, PACKED_RAY, TRIANGLE
 
-NUMBERS = {"float": np.dtype("f4"), "int": np.dtype("i4"), "uint": np.dtype("u4"), "uchar": np.dtype("u1")}
+NUMBERS = {
+    "float": np.dtype("f4"), "int": np.dtype("i4"), "uint": np.dtype("u4"), "uchar": np.dtype("u1"),
+    "double": np.dtype("f8"),
+}  # fmt: skip
 TYPES = NUMBERS | DEVICE_STRUCTS
 NARROWER = {"f8": "f4", "i8": "i4", "b1": "i4"}
 
@@ -43,15 +46,15 @@ def build_text(session, text, defines):
         return session.kernels("text", dict(defines), folder=path.parents[1])
 
 
-def call(session, includes, body, outputs, *, tables=None, layout="brute", defines=None, **rows):
+def call(session, includes, body, outputs, *, tables=None, layout="brute", defines=None, has_doubles=False, **rows):
     """Run lines of OpenCL, once per row of arrays, and return the outputs as arrays, in their order.
 
     In the body each input and output is a variable of its row: a number, a vector of 2, 3, 4 or 8 numbers, or else a
     pointer to what the row has; ``i`` is the row. `outputs` are declarations, such as ``"float3 a, hit_t hits[2]"``,
     and begin as zeros. An input of one row belongs to all rows. `tables` are arrays that every row has as a whole.
-    `includes` are files of `cl/`, or text with a ``#``.
+    `includes` are files of `cl/`, or text with a ``#``. Inputs of float64 become floats, unless `has_doubles`.
     """
-    inputs = {name: _as_device_has_it(array) for name, array in rows.items()}
+    inputs = {name: _as_device_has_it(array, has_doubles=has_doubles) for name, array in rows.items()}
     count = max(map(len, inputs.values()))
     inputs = {name: np.broadcast_to(array, (count, *array.shape[1:])) for name, array in inputs.items()}
     tables = {name: _as_device_has_it(array) for name, array in (tables or {}).items()}
@@ -81,9 +84,10 @@ def call(session, includes, body, outputs, *, tables=None, layout="brute", defin
     return tuple(written.values()) if len(written) > 1 else next(iter(written.values()))
 
 
-def _as_device_has_it(array):
+def _as_device_has_it(array, *, has_doubles=False):
     array = np.asarray(array)
-    return array.astype(NARROWER.get(array.dtype.str[1:], array.dtype))
+    is_kept = has_doubles and array.dtype == np.float64
+    return array if is_kept else array.astype(NARROWER.get(array.dtype.str[1:], array.dtype))
 
 
 def _parse(outputs):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from clbvh.builders.options import MAX_DEPTH
+from clbvh.structs import MAX_DEPTH
 
 SPEC = importlib.util.spec_from_file_location("gpu_report", Path(__file__).parents[2] / ".ci/gpu_report.py")
 report = importlib.util.module_from_spec(SPEC)

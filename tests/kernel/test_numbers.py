@@ -1,5 +1,6 @@
 """Numbers on the device: what it rounds is what numpy rounds, and structs lie where the host has them."""
 
+import math
 from itertools import product
 
 import numpy as np
@@ -121,3 +122,19 @@ def test_every_field_is_where_the_device_looks_for_it(call, name):
     np.testing.assert_array_equal(lanes[:, : len(scalars)], expected)
     assert (sizes == dtype.itemsize).all()
     assert made.tobytes() == given.tobytes()
+
+
+def test_powers_of_two_are_those_of_the_library(call):
+    values = np.array([5e-324, 3e-320, 2.0**-1022, 1e-300, 0.1, 1.0, 1.5, 2.0, 3.9, 2.0**64, 1e300, 1.7e308])
+    values = np.concatenate((values, -values))
+    body = "exponent = exponent_of(value); scaled = times_power_of_two(value, -exponent);"
+    exponents, scaled = call("math/doubles.cl", body, "int exponent, double scaled", value=values, has_doubles=True)
+    assert exponents.tolist() == [math.frexp(value)[1] - 1 for value in values]
+    assert scaled.tolist() == [math.ldexp(value, 1 - math.frexp(value)[1]) for value in values]
+    # A product is rounded once, and may be beyond normal powers.
+    cases = [(1.7, power) for power in (-1100, -1074, -1023, -1022, 0, 1023)] + [(5e-324, 1074), (2.0**-1000, 2000)]
+    factors, powers = (np.array(column) for column in zip(*cases, strict=True))
+    body = "product = times_power_of_two(factor, power);"
+    given = {"factor": factors, "power": powers.astype(np.int32)}
+    products = call("math/doubles.cl", body, "double product", has_doubles=True, **given)
+    assert products.tolist() == [math.ldexp(*case) for case in cases]

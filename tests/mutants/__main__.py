@@ -32,7 +32,7 @@ def main() -> int:
     open_library()  # compiled here where it does not fit, and not in every copy
     laboratories: queue.SimpleQueue[Laboratory] = queue.SimpleQueue()
     for number in range(options.jobs):
-        laboratories.put(Laboratory(_OUT / f"copy-{number}", _OUT / "compiled"))
+        laboratories.put(Laboratory(_OUT / f"copy-{number}"))
 
     def run(tests: tuple[str, ...], mutant: Mutant | None) -> tuple[str, str, float]:
         laboratory, since = laboratories.get(), time.perf_counter()

@@ -36,10 +36,6 @@ def interrupt(work, duration_s, generator):
         is_done = True
     except KeyboardInterrupt:
         pass
-    except SystemError as error:
-        # numba calls Python on the way out of a compiled function, and does not look whether that has raised.
-        if not isinstance(error.__cause__, KeyboardInterrupt):
-            raise
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
     # Native code may keep the exception to itself; the next array that numpy makes of a number then raises it.

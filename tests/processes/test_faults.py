@@ -263,8 +263,6 @@ def test_a_folder_for_temporary_files_that_is_not_there_is_no_matter(place):
 def test_two_commands_share_empty_caches(tmp_path, round_):
     place, words = Place(tmp_path), ("render", "scene.toml", "--cache", "--width", 64)
     environment = {"POCL_CACHE_DIR": str(tmp_path / "pocl"), "XDG_CACHE_HOME": str(tmp_path / "xdg")}
-    if is_long():
-        environment["NUMBA_CACHE_DIR"] = str(tmp_path / "numba")
     both = [place.start(*words, "-o", name, environment=environment) for name in ("a.ppm", "b.ppm")]
     for process in both:
         code, _, errors = place.finish(process)

@@ -13,7 +13,7 @@ TIMEOUT_S = 300
 WITHOUT = """
 import asyncio, ctypes, multiprocessing.connection, multiprocessing.resource_tracker, importlib, os, pkgutil, resource
 import shutil, signal, subprocess, sys, tempfile
-import cyclopts, imageio.v3, numba, numpy, platformdirs, pooch, psutil, pyopencl, rich.progress, trimesh
+import cyclopts, imageio.v3, numpy, platformdirs, pooch, psutil, pyopencl, rich.progress, trimesh
 
 for module in {modules!r}:
     sys.modules[module] = None

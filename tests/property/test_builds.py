@@ -8,7 +8,7 @@ from hypothesis import example, given, strategies as st
 from clbvh import BuildOptions, Mesh, build, sah_cost, validate_tree
 from clbvh.builders.build import build_tree
 from clbvh.builders.ladder.variants import VARIANTS
-from clbvh.builders.options import MAX_DEPTH
+from clbvh.structs import MAX_DEPTH
 
 from ..profiles import examples
 from ..soup import make_soup

@@ -12,7 +12,6 @@ import pytest
 from clbvh import Mesh, PoolError, SubtreePool, Tracer, build, validate_tree
 from clbvh.builders.processes import pool as pool_module
 from clbvh.builders.processes.pool import open_executor
-from clbvh.builders.sah.subtree import build_subtree
 
 from ..soup import make_soup
 
@@ -60,14 +59,6 @@ def test_a_step_that_a_worker_cannot_import_and_a_result_that_cannot_be_sent_kil
     ):
         with SubtreePool(workers=1) as pool, pytest.raises(PoolError, match=message), open_executor(pool) as executor:
             executor.map(step, [()])
-
-
-def test_an_integer_as_traversal_cost_compiled_the_builder_once_more(mesh):
-    build(mesh)
-    compiled = len(build_subtree.signatures)
-    build(mesh, traversal_cost=2, bins=np.int32(8), leaf_size=np.uint8(2))
-    build(mesh, traversal_cost=np.float32(2))
-    assert len(build_subtree.signatures) == compiled
 
 
 def test_bundling_many_small_ranges_took_quadratic_time():

@@ -52,11 +52,11 @@ loop void find_degenerate_of_doubles(
 // counts, firsts, shares  of each cell: its faces, its first shard, and the number of its shards
 // ranks                   raised: the faces of each cell that have a shard
 loop void find_shards(
-    const long face_count, const long cells[face_count], const long cell_count, const long counts[cell_count],
+    const long face_count, const int cells[face_count], const long cell_count, const long counts[cell_count],
     const int firsts[cell_count], const int shares[cell_count], long ranks[cell_count], int numbers[face_count])
 {
     for (long face = 0; face < face_count; face++) {
-        const long cell = cells[face];
+        const int cell = cells[face];
         numbers[face] = (int)(firsts[cell] + ranks[cell] * shares[cell] / counts[cell]);
         ranks[cell]++;
     }

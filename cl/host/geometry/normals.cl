@@ -1,5 +1,6 @@
 // Normals of faces and smooth normals at their corners, by clbvh/geometry/topology.py and smooth_normals.py.
 
+#include "math/angles.cl"
 #include "math/doubles.cl"
 
 // A sum of unit vectors is no direction if it is shorter than this share of their weights.
@@ -32,7 +33,7 @@ loop void measure_faces(
             const double largest = largest_size(across);
             const double3 normal = largest == 0.0 ? across : across / largest;
             const double length = sqrt(dot3(normal, normal));
-            angles[face][corner] = largest == 0.0 ? 0.0 : arctangent_of(length * largest, dot3(u, v));
+            angles[face][corner] = largest == 0.0 ? 0.0 : angle_of(length * largest, dot3(u, v));
             if (corner == 0) {
                 vstore3(largest == 0.0 ? (double3)(0.0) : normal / length, 0, normals[face]);
             }

@@ -17,15 +17,14 @@ from numpy.typing import NDArray
 from ...bvh import Bvh
 from ...errors import PoolError
 from ...geometry.corners import Bounded, find_corners
-from ...structs import NODE, NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
+from ...structs import BOX_LANES, BOX_NEGATED_MAX, NODE, NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
 from ...support.host_threads import cut_range
 from ...support.stopwatch import Stopwatch
 from ..executor import Executor
 from ..invariants import TopNode, place_top
 from ..options import BuildOptions
 from . import steps
-from .divide import BOX, Rule, Task
-from .subtrees import COUNTER_WORDS, WORDS
+from .steps import COUNTER_WORDS, LINKED_NODE, Rule, Task
 from .variants import Nodes, Variant
 
 
@@ -37,15 +36,15 @@ class Range(TopNode):
     ----------
     ids : (m,) int32 or None
         Its own list of primitives, in variants whose nodes have one.
-    box : (6,) float32
+    box : (8,) float32, a row of `structs.BOX`
         Known when it has children.
-    block : int
-        Its number, or that of its subtree's root, where a counter numbers nodes.
+    reference : int
+        To it, or to its subtree's root, where a counter hands out nodes.
     """
 
     ids: NDArray[np.int32] | None
-    box: NDArray[np.float32] = field(default_factory=lambda: np.empty(BOX, np.float32))
-    block: int = -1
+    box: NDArray[np.float32] = field(default_factory=lambda: np.empty(BOX_LANES, np.float32))
+    reference: int = -1
 
     @property
     def task(self) -> Task:
@@ -58,8 +57,8 @@ def divide_top(executor: Executor, root: Range, rule: Rule, threshold: int) -> N
     level = [root]
     while level := [node for node in level if len(node) > max(threshold, rule.leaf_size)]:
         halves = executor.map(steps.divide_range, [(node.task, node.ids, rule) for node in level])
-        for node, (box, middle, lists, block) in zip(level, halves, strict=True):
-            node.box, node.block, node.ids = box, block, None
+        for node, (box, middle, lists, reference) in zip(level, halves, strict=True):
+            node.box, node.reference, node.ids = box, reference, None
             node.children = (
                 Range(node.begin, middle, node.depth + 1, lists[0]),
                 Range(middle, node.end, node.depth + 1, lists[1]),
@@ -74,7 +73,7 @@ def write_top(root: Range, nodes: NDArray[np.float32]) -> None:
         if node.children:
             index, first_child = node.placement
             nodes[index, :3] = node.box[:3]
-            nodes[index, NODE_MAX : NODE_MAX + 3] = node.box[3:]
+            nodes[index, NODE_MAX : NODE_MAX + 3] = 0.0 - node.box[BOX_NEGATED_MAX : BOX_NEGATED_MAX + 3]
             node_ints[index, NODE_FIRST] = first_child
             node_ints[index, NODE_COUNT] = 0
 
@@ -125,7 +124,7 @@ def build_variant(variant: Variant, shape: Bounded, executor: Executor, options:
 
     # Boxes and centroids, once.
     if variant.cached:
-        executor.create("aabbs", (count, BOX), np.float32)
+        executor.create("boxes", (count, BOX_LANES), np.float32)
         executor.create("centroids", (count, 3), np.float32)
         executor.map(steps.cache_slice, cut_range(0, count, executor.workers))
         executor.discard("vertices", "faces")
@@ -133,7 +132,7 @@ def build_variant(variant: Variant, shape: Bounded, executor: Executor, options:
 
     # The top, one task per node.
     if variant.nodes is Nodes.COUNTER:
-        executor.create("blocks", (2 * count, WORDS), np.int64)
+        executor.create("blocks", (2 * count,), LINKED_NODE)
         executor.create("counter", (COUNTER_WORDS,), np.int64)[:] = 0
     root = Range(0, count, 0, np.arange(count, dtype=np.int32) if variant.copies else None)
     divide_top(executor, root, rule, _choose_threshold(variant, executor, count, options))
@@ -177,16 +176,20 @@ def _finish_linked(
 def _finish_counted(
     variant: Variant, executor: Executor, root: Range, rule: Rule, watch: Stopwatch
 ) -> NDArray[np.float32]:
-    """Build subtrees whose nodes have numbers, link the top by them, and flatten the whole."""
+    """Build subtrees from the counter's nodes, link the top to them, and flatten the whole."""
     subtrees = _subtrees(root)
-    for node, block in zip(subtrees, _build_all(executor, steps.build_counted, subtrees, rule), strict=True):
-        node.block = block
+    for node, reference in zip(subtrees, _build_all(executor, steps.build_counted, subtrees, rule), strict=True):
+        node.reference = reference
     watch.lap("subtrees")
 
-    top = [(node.block, node.box, [child.block for child in node.children]) for node in root.walk() if node.children]
+    top = [
+        (node.reference, node.box, [child.reference for child in node.children])
+        for node in root.walk()
+        if node.children
+    ]
     (node_count,) = executor.map(steps.link_counted, [(top,)])
     nodes = executor.create("nodes", (node_count, NODE_LANES), np.float32)
-    executor.map(steps.flatten_counted, [(root.block,)])
+    executor.map(steps.flatten_counted, [(root.reference,)])
     watch.lap("convert")
     return nodes
 
@@ -213,7 +216,7 @@ def _subtrees(root: Range) -> list[Range]:
 
 
 def _build_all(executor: Executor, step: Any, subtrees: list[Range], rule: Rule) -> list[int]:
-    """Build all subtrees; return the results of the step, the number of nodes or the root's number."""
+    """Build all subtrees; return the results of the step, the number of nodes or a reference to the root."""
     return executor.map(step, [(node.task, node.ids, rule) for node in subtrees])
 
 

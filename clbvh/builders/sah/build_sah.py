@@ -14,14 +14,13 @@ import numpy as np
 
 from ...bvh import Bvh
 from ...geometry.corners import Bounded, Corners, find_corners
-from ...structs import BOX_LANES, NODE
+from ...structs import BOX_LANES, MAX_EXHAUSTIVE
 from ...support.host_threads import cut_range
 from ...support.stopwatch import Stopwatch
 from ..executor import Executor
 from ..options import BuildOptions
 from ..prim_refs import Bounds, fill_slice
-from .split import MAX_EXHAUSTIVE
-from .subtree import DEFAULT_BINS, Rule, SubtreeTask, build_one, compact, make_rule
+from .subtree import DEFAULT_BINS, Rule, build_one, compact, make_rule
 from .top import Range, split_top
 
 # Ranges per worker, when the task threshold is chosen here: enough to even out unequal subtrees. Each doubling costs
@@ -62,7 +61,7 @@ def build_sah(shape: Bounded, executor: Executor, options: BuildOptions) -> Bvh:
     # Into depth-first order, without gaps.
     nodes = compact(executor, root)
     watch.lap("compact")
-    return Bvh(nodes.view(NODE).reshape(-1), prim_ids, shape, watch.laps_ms)
+    return Bvh(nodes, prim_ids, shape, watch.laps_ms)
 
 
 def _fill_prim_refs(corners: Corners, executor: Executor) -> Bounds:
@@ -79,12 +78,13 @@ def _choose_threshold(executor: Executor, count: int, options: BuildOptions) -> 
     if threshold is None:
         fair_share = count // (executor.workers * _RANGES_PER_WORKER)
         threshold = count if executor.workers == 1 else max(fair_share, _SMALLEST_RANGE)
+    # Of fewer primitives every division is tried: no work for all threads.
     return max(threshold, options.leaf_size, MAX_EXHAUSTIVE)
 
 
 def _build_subtrees(executor: Executor, root: Range, rule: Rule) -> None:
     """Build the subtree of every range at the bottom of the top, largest first, and note its number of nodes."""
     ranges = sorted(root.leaves(), key=len, reverse=True)
-    tasks = [(SubtreeTask(node.begin, node.end, node.buffer, node.depth, node.bounds), rule) for node in ranges]
+    tasks = [(node.begin, node.end, node.buffer, node.depth, node.bounds, rule) for node in ranges]
     for node, node_count in zip(ranges, executor.map(build_one, tasks), strict=True):
         node.node_count = node_count

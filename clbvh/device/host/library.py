@@ -221,7 +221,7 @@ def _find(library: ctypes.CDLL, entry: str) -> Any:
     try:
         return library[entry]
     except AttributeError:
-        raise InternalError(f"the library for the host has no {entry}: see host/variants.py") from None
+        raise InternalError(f"the library for the host has no entry {entry}: see host/variants.py") from None
 
 
 def _find_entry(library: ctypes.CDLL, entry: str) -> _Entry:
@@ -250,12 +250,18 @@ def open_library() -> HostLibrary:
         if path not in _opened:
             # One that a variable names, and that of a wheel, is taken as it is.
             is_own = _is_checkout() and not any(map(os.environ.get, (LIBRARY_VARIABLE, ON_DEMAND_VARIABLE)))
-            library = HostLibrary(path) if path.is_file() else None
-            if library is None or (is_own and not library.fits()):
+            # Not loaded to find that out: the system would give the old one again, by its path.
+            if not (path.is_file() and (not is_own or _fits(path))):
                 _rebuild(path)
-                library = HostLibrary(path)
-            _opened[path] = library
+            _opened[path] = HostLibrary(path)
         return _opened[path]
+
+
+def _fits(path: Path) -> bool:
+    """Return whether a library was made of the sources that are here."""
+    from .compile import find_digest
+
+    return find_digest().encode() in path.read_bytes()
 
 
 def _is_checkout() -> bool:
@@ -264,7 +270,7 @@ def _is_checkout() -> bool:
 
 def _rebuild(path: Path) -> None:
     """Compile the library of a checkout for this processor, in one process at a time."""
-    from .compile import build_library, find_compiler, find_digest, find_level, find_objects, is_known_machine
+    from .compile import build_library, find_compiler, find_level, find_objects, is_known_machine
 
     if not is_known_machine():
         raise DeviceError(f"there is no host device for {platform.system()} on {machine()}: an OpenCL driver may serve")
@@ -277,6 +283,6 @@ def _rebuild(path: Path) -> None:
     with (find_objects() / "compiling.lock").open("w") as lock:
         fcntl.lockf(lock, fcntl.LOCK_EX)  # not `flock`, which a forked child would hold as well
         # Another process may have compiled it meanwhile.
-        if not path.is_file() or find_digest().encode() not in path.read_bytes():
+        if not (path.is_file() and _fits(path)):
             say_compiling("compiling the kernels for this processor, which takes a minute")
             build_library(path, find_objects(), [find_level()])

@@ -5,7 +5,7 @@ A loop says in its declaration what it is called with. Lengths are not passed: t
     loop long find_first(const long count, const float values[count][3], const float limit, int found[count])
 
 is ``loops.find_first(values, limit, found)``. An array without `const` is written; ``*name`` instead of ``name[count]``
-is an array of any length, or None. Other threads of Python run meanwhile.
+is an array of any length, or None, and `void` says nothing of its dtype. Other threads of Python run meanwhile.
 """
 
 from __future__ import annotations
@@ -13,9 +13,12 @@ from __future__ import annotations
 import ctypes
 import math
 import re
+from functools import cache
+from types import CodeType
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InternalError
 from ...structs import BOX_LANES, DEVICE_CONSTANTS, DEVICE_STRUCTS, EXACT_STRUCTS, alignment_of
@@ -37,15 +40,16 @@ _NUMBERS: dict[str, tuple[Any, Any]] = {
 
 
 class _Row(NamedTuple):
-    """What C takes for one thing: numpy's dtype, how many of it, and the alignment in bytes."""
+    """What C takes for one thing: numpy's dtype, if any will not do, how many of it, and the alignment in bytes."""
 
-    dtype: np.dtype[Any]
+    dtype: np.dtype[Any] | None
     size: int
     alignment: int
 
 
 _ROWS = {name: _Row(np.dtype(dtype), 1, np.dtype(dtype).itemsize) for name, (dtype, _) in _NUMBERS.items()}
 _ROWS |= {name: _Row(dtype, 1, alignment_of(dtype)) for name, dtype in (DEVICE_STRUCTS | EXACT_STRUCTS).items()}
+_ROWS["void"] = _Row(None, 1, 1)
 _ROWS["box_row_t"] = _Row(np.dtype(np.float32), BOX_LANES, np.dtype(np.float32).itemsize)
 
 _PARAMETER = re.compile(r"(const )?(\w+) (\*?)(?:restrict )?(\w+)((?:\[[^\]]+\])*)")
@@ -96,9 +100,10 @@ class Loop:
         declared = [_read_parameter(each) for each in parameters.split(",")]
         self._names = [each.name for each in declared]
         self._arrays = [each for each in declared if isinstance(each, _Array)]
-        # The array that tells each length.
-        self._tellers = {each.size: each for each in reversed(self._arrays) if each.size in self._names}
-        self._passed = [name for name in self._names if name not in self._tellers]
+        # The array that tells each length, and the numbers in a row of it.
+        tellers = {each.size: each for each in reversed(self._arrays) if each.size in self._names}
+        self._tellers = [(length, array.name, array.row.size) for length, array in tellers.items()]
+        self._passed = [name for name in self._names if name not in tellers]
         function.argtypes = [each.type for each in declared]
         function.restype = None if result == "void" else _NUMBERS[result][1]
 
@@ -107,28 +112,54 @@ class Loop:
         if len(arguments) != len(self._passed):
             raise InternalError(f"the loop '{self._name}' takes {len(self._passed)} arguments, not {len(arguments)}")
         values = dict(zip(self._passed, arguments, strict=True))
-        for length, array in self._tellers.items():
-            values[length] = getattr(values[array.name], "size", 0) // array.row.size
-        for array in self._arrays:
-            values[array.name] = self._address(array, values)
-        return self._function(*map(values.__getitem__, self._names))
+        for length, name, row_size in self._tellers:
+            values[length] = getattr(values[name], "size", 0) // row_size
+        # Written out for speed: a call with one ray spends a tenth of its time here.
+        for name, (dtype, row_size, alignment), size, is_const, _ in self._arrays:
+            array = values[name]
+            if array is None and not size:
+                continue
+            wrong = ""
+            if not isinstance(array, np.ndarray) or (dtype is not None and array.dtype != dtype):
+                wrong = f"no array of {dtype}"
+            elif size and array.size != _count(size, values) * row_size:
+                wrong = f"{array.size} numbers, not {size} times {row_size}"
+            elif not (flags := array.flags).c_contiguous or not (is_const or flags.writeable):
+                wrong = "not contiguous, or not writable"
+            elif (address := _read_address(id(array) + _HEAD_BYTES).value) % alignment:
+                wrong = "not aligned"
+            if wrong:
+                raise InternalError(f"the loop '{self._name}' does not take its '{name}': {wrong}")
+            values[name] = address
+        return self._function(*[values[name] for name in self._names])
 
-    def _address(self, declared: _Array, values: dict[str, Any]) -> int | None:
-        array, row = values[declared.name], declared.row
-        if array is None and not declared.size:
-            return None
-        wrong = ""
-        if not isinstance(array, np.ndarray) or array.dtype != row.dtype:
-            wrong = f"no array of {row.dtype}"
-        elif declared.size and array.size != eval(declared.size, {}, values) * row.size:
-            wrong = f"{array.size} numbers, not {declared.size} times {row.size}"
-        elif not array.flags.c_contiguous or not (array.flags.writeable or declared.is_const):
-            wrong = "not contiguous, or not writable"
-        elif (address := array.ctypes.data) % row.alignment:
-            wrong = "not aligned"
-        else:
-            return int(address)
-        raise InternalError(f"the loop '{self._name}' does not take its '{declared.name}': {wrong}")
+
+# By numpy's C interface, an array begins as every object does, and then comes the address of its items. It is read from
+# there since `array.ctypes.data` takes ten times as long.
+_HEAD_BYTES = object.__basicsize__
+_read_address = ctypes.c_size_t.from_address
+
+
+def _count(size: str, values: dict[str, Any]) -> int:
+    return int(values[size] if size in values else eval(_compile(size), {}, values))
+
+
+@cache
+def _compile(size: str) -> CodeType:
+    return compile(size, "<size>", "eval")
+
+
+def pack_struct(*fields: NDArray[Any] | float) -> NDArray[np.uint64]:
+    """Return a struct for loops: of pointers to arrays, which have to be kept as long as it, longs and doubles."""
+    return np.array([_pack_field(field) for field in fields], np.uint64)
+
+
+def _pack_field(field: Any) -> Any:
+    if not isinstance(field, np.ndarray):
+        return np.float64(field).view(np.uint64) if isinstance(field, float) else field
+    if not field.flags.c_contiguous:
+        raise InternalError(f"an array of {field.shape} in a struct is not contiguous")
+    return _read_address(id(field) + _HEAD_BYTES).value
 
 
 class _Parameter(NamedTuple):

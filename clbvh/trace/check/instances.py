@@ -6,14 +6,13 @@ its distance from zero costs a digit.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry.spheres import Shape
 from ...scene.state import SceneState
-from ...support.compiled import compiled
 
 # Rotations, mirrors and uniform scales in float64 stretch all directions alike, but for this.
 _SIMILAR = 2.0**-40
@@ -49,6 +48,15 @@ class Tolerance(NamedTuple):
     pair: float = 2.0**-44
     near: float = 64.0
     order: float = 2.0**-22
+
+
+# What loops know of an instance: `view_t` of cl/host/check/oracle.cl.
+_VIEW = np.dtype(
+    [
+        *((name, "i8") for name in ("instance_id", "geometry_id", "mask")), ("unit", "f8"), ("centre", "f8", 3),
+        *((name, "f8") for name in ("radius", "growth", "local_growth", *Tolerance._fields, "world_radius")),
+    ]
+)  # fmt: skip
 
 
 class Instance(NamedTuple):
@@ -90,29 +98,15 @@ class Instance(NamedTuple):
         """Return (n, 3) points of the world in units, seen from the centre."""
         return (points - self.centre) / self.unit
 
-    @property
-    def numbers(self) -> Any:
-        """The instance as compiled functions take it: without its shape."""
-        return self._replace(shape=None)  # type: ignore[arg-type]
-
-
-@compiled
-def find_blur(instance, tolerance, distance, size):
-    """Return how far the device may see a ray from where it is, in units, and in local units.
-
-    Parameters
-    ----------
-    instance : Instance, without its shape
-    tolerance : Tolerance
-    distance : float64 or (n,) float64, units
-        Of the ray's origin from the centre.
-    size : float64, world units
-        The radius of the world.
-    """
-    reach = instance.radius + np.minimum(distance, tolerance.near * instance.radius)
-    rounded = tolerance.pair * (distance + size / instance.unit)
-    entering = tolerance.entering * reach
-    return instance.growth * entering + rounded, instance.local_growth * (entering + rounded)
+    def view(self, tolerance: Tolerance, size: float) -> NDArray[np.float64]:
+        """Return the numbers of the instance as loops take them, with the tolerance and the radius of the world."""
+        numbers = np.zeros(1, _VIEW)
+        for name in ("instance_id", "geometry_id", "mask", "unit", "centre", "radius", "growth", "local_growth"):
+            numbers[name] = getattr(self, name)
+        for name, value in tolerance._asdict().items():
+            numbers[name] = value
+        numbers["world_radius"] = size
+        return numbers.view(np.float64)
 
 
 def find_instances(world: SceneState) -> list[Instance]:

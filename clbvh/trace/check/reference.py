@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from ...geometry.mesh import Mesh
 from ...scene.state import SceneState
 from ...structs import NO_PRIM
-from ...support.compiled import compiled
-from .instances import Instance, Tolerance, find_blur, find_instances, world_radius
-from .intersections import Intersections, Rays, find_intersections
+from .instances import Instance, Tolerance, find_instances, world_radius
+from .intersections import ORACLE, Intersections, Rays, find_intersections
 
 # Of u + v, in float64 and in float32.
 _MOST_UV = 1.0 + 2.0**-20
@@ -74,7 +73,7 @@ class Difference:
         return f"ray {self.ray}: obtained {obtained}, expected {expected}: {self.reason}"
 
 
-# Why an answer is wrong, by the numbers that `_check` writes.
+# Why an answer is wrong, by the numbers of cl/host/check/oracle.cl.
 _RIGHT, _MISSED, _NOT_THERE, _BEHIND, _TWIN, _MISS_WITH_T, _BESIDE, _GEOMETRY = range(8)
 _REASONS = {
     _MISSED: "a primitive is surely hit",
@@ -117,11 +116,11 @@ class Reference:
         """
         known = self.intersections(rays) if intersections is None else intersections
         first, is_decided = np.empty(len(rays.t_min), np.int64), np.empty(len(rays.t_min), np.bool_)
-        _find_closest(known, first, is_decided)
+        ORACLE.find_closest(known.words, first, is_decided, known.offsets)
         ids = np.full((3, len(first)), NO_PRIM, np.int64)
         hits = ReferenceHits._make((np.full(len(first), np.inf), *ids, is_decided))
         for name in hits._fields[:-1]:
-            getattr(hits, name)[first >= 0] = getattr(known, name)[first[first >= 0]]
+            getattr(hits, name)[first >= 0] = known.found[name][first[first >= 0]]
         return hits
 
     def count_range(self, rays: Rays) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -153,7 +152,7 @@ class Reference:
         known = self.intersections(rays) if intersections is None else intersections
         t, instance, prim = read_ids(hits)
         reasons, meant = np.empty(len(t), np.int64), np.full(len(t), -1, np.int64)
-        _check(known, rays.t_min, rays.t_max, t, instance, prim, reasons, meant)
+        ORACLE.check_hits(known.words, rays.t_min, rays.t_max, t, instance, prim, reasons, meant, known.offsets)
         is_hit = np.flatnonzero((reasons == _RIGHT) & (prim != NO_PRIM))
         reasons[is_hit] = self.check_points(rays, hits, known, is_hit, meant[is_hit])
         miss_ids = np.stack([np.asarray(ids).reshape(-1) for ids in (hits.instance_id, hits.geometry_id)])
@@ -178,14 +177,16 @@ class Reference:
         reasons = np.full(len(indices), _RIGHT, np.int64)
         geometry_ids, u, v = (np.asarray(values).reshape(-1)[indices] for values in (hits.geometry_id, hits.u, hits.v))
         is_refined, size = np.asarray(hits.t).dtype == np.float64, world_radius(self._instances)
-        for instance_id in np.unique(known.instance_id[meant]).tolist():
-            instance, mine = self._instances[instance_id], np.flatnonzero(known.instance_id[meant] == instance_id)
-            chosen = meant[mine]
-            ray_ids, prims = known.ray_id[chosen], known.prim_id[chosen]
+        instance_ids = known.found["instance_id"][meant]
+        for instance_id in np.unique(instance_ids).tolist():
+            instance, mine = self._instances[instance_id], np.flatnonzero(instance_ids == instance_id)
+            chosen = known.found[meant[mine]]
+            ray_ids, prims = chosen["ray"], chosen["prim_id"]
             origins = instance.to_unit(rays.origins[ray_ids])
             directions = rays.directions[ray_ids] / rays.lengths[ray_ids, None]
             distances = np.linalg.norm(origins, axis=1)
-            blurs, _ = find_blur(instance.numbers, self._tolerance, distances, size)
+            blurs = np.empty(len(distances))
+            ORACLE.find_blurs(instance.view(self._tolerance, size), distances, blurs)
             points, is_inside = _find_points(instance, prims, u[mine].astype(np.float64), v[mine].astype(np.float64))
             slack = 2.0 * blurs
             if isinstance(instance.shape, Mesh):
@@ -198,7 +199,7 @@ class Reference:
             ways = points - origins
             along = _dot(ways, directions)
             beside = np.linalg.norm(ways - along[:, None] * directions, axis=1)
-            low, high = (t[chosen] * (rays.lengths[ray_ids] / instance.unit) for t in (known.t_low, known.t_high))
+            low, high = (chosen[name] * (rays.lengths[ray_ids] / instance.unit) for name in ("t_low", "t_high"))
             is_right = is_inside & (beside <= slack) & (along >= low - slack) & (along <= high + slack)
             reasons[mine[~is_right]] = _BESIDE
             reasons[mine[geometry_ids[mine] != instance.geometry_id]] = _GEOMETRY
@@ -208,9 +209,10 @@ class Reference:
 def read_ids(hits: Any) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
     """Return t, the instances and the primitives of hits, (n,) each."""
     return (
-        np.asarray(hits.t, np.float64).reshape(-1), np.asarray(hits.instance_id, np.int64).reshape(-1),
-        np.asarray(hits.prim_id, np.int64).reshape(-1),
-    )  # fmt: skip
+        np.ascontiguousarray(hits.t, np.float64).reshape(-1),
+        np.ascontiguousarray(hits.instance_id, np.int64).reshape(-1),
+        np.ascontiguousarray(hits.prim_id, np.int64).reshape(-1),
+    )
 
 
 def _find_corners(instance: Instance, prims: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -255,79 +257,3 @@ def _see_triangles(
 
 def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.einsum("ni,ni->n", one, other)
-
-
-@compiled
-def _find_closest(known, first, is_decided):
-    """Write the index of each ray's nearest sure intersection, or -1, and whether no other answer can be right."""
-    for ray in range(len(first)):
-        begin, end = known.offsets[ray], known.offsets[ray + 1]
-        first[ray], is_decided[ray] = -1, begin == end
-        for index in range(begin, end):
-            if known.is_sure[index]:
-                first[ray] = index
-                break
-        nearest = first[ray]
-        if nearest < 0:
-            continue
-        is_decided[ray] = True
-        for other in range(begin, end):
-            if other != nearest and not are_twins(known, other, nearest):
-                is_decided[ray] &= known.t_low[other] - slack_of(known, other, nearest) > known.t_high[nearest]
-
-
-@compiled
-def are_twins(known, one, other):
-    """Return whether two intersections are those of equal primitives in the same place, at the same t."""
-    return (
-        known.twin_instance[one] == known.twin_instance[other]
-        and known.twin_prim[one] == known.twin_prim[other]
-        and known.side[one] == known.side[other]
-    )
-
-
-@compiled
-def slack_of(known, one, other):
-    """Return by how much the t of two intersections may be off besides, where they are compared."""
-    if known.instance_id[one] == known.instance_id[other]:
-        return 0.0
-    return known.t_slack[one] + known.t_slack[other]
-
-
-@compiled
-def _check(known, t_mins, t_maxs, ts, instances, prims, reasons, meant_of):
-    """Write why each hit is wrong, and which intersection is meant; see `find_differences`. NaN is wrong."""
-    for ray in range(len(reasons)):
-        begin, end = known.offsets[ray], known.offsets[ray + 1]
-        if prims[ray] == NO_PRIM:
-            reasons[ray] = _RIGHT if ts[ray] == np.inf else _MISS_WITH_T
-            for index in range(begin, end):
-                if known.is_sure[index]:
-                    reasons[ray] = _MISSED
-            continue
-        # The intersection that is meant. Of a sphere there are two, so any of them will do.
-        reasons[ray] = _NOT_THERE
-        for meant in range(begin, end):
-            if known.instance_id[meant] != instances[ray] or known.prim_id[meant] != prims[ray]:
-                continue
-            low, high = limit_t(known, meant, t_mins[ray], t_maxs[ray])
-            if not low <= ts[ray] <= high:
-                continue
-            reason = _RIGHT
-            for other in range(begin, end):
-                if known.is_sure[other] and known.t_high[other] + slack_of(known, other, meant) < known.t_low[meant]:
-                    reason = _BEHIND
-                has_smaller_ids = known.instance_id[other] < instances[ray] or (
-                    known.instance_id[other] == instances[ray] and known.prim_id[other] < prims[ray]
-                )
-                if are_twins(known, other, meant) and has_smaller_ids:
-                    reason = _TWIN
-            reasons[ray], meant_of[ray] = reason, meant
-            if reason == _RIGHT:
-                break
-
-
-@compiled
-def limit_t(known, index, t_min, t_max):
-    """Return the interval in which the t of an intersection may be reported."""
-    return min(max(known.t_low[index], t_min), t_max), min(max(known.t_high[index], t_min), t_max)

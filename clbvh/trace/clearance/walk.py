@@ -10,26 +10,28 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...bvh import Bvh
+from ...device.host.loops import Loops
 from ...errors import QueryError
 from ...geometry import Mesh
 from ...scene.state import SceneState
 from ...structs import NO_PRIM
-from ...support.compiled import compiled
 from ...support.forks import make_lock
 from ..rays.batch import check_room
-from ..world.surface_arrays import SurfaceArrays, place_point
+from ..world.surface_arrays import SurfaceArrays
 from ..world.top_tree import find_boxes
 from ..world.world import World
-from .boxes import Poses, bound_distance, fit_boxes, size_of, take_poses
-from .triangles import APART, measure_exactly, measure_triangles
+from .boxes import fit_boxes
+from .triangles import APART, measure_exactly
 
-# The numbers of a search that may go on: the pair, the entries on the stack, the tests done of the leaves on top; and
-# the pair of triangles that float64 cannot decide.
-_PAIR, _SIZE, _TESTED, _PRIM_A, _PRIM_B = range(5)
-_NOT_BEGUN = -1
+_LOOPS = Loops("clearance/walk")
+
+# Where a search may go on: the pair, the entries on the stack, -1 before it has begun, the tests done of the leaves on
+# top, and the triangles that float64 cannot decide. An entry is three words. See cl/host/clearance/walk.cl.
+_BEGIN = 0, -1, 0, NO_PRIM, NO_PRIM
+_ENTRY_WORDS = 3
 
 # The most memory that the search of a pair of instances takes, among many.
 PAIR_BYTES = 128
@@ -156,16 +158,12 @@ class PairSearch(NamedTuple):
             An instance is of spheres.
         """
         ids = check_meshes(world, np.unique(pairs))
-        # All read-only, as those of a lone mesh are: numba would compile another version of the loops for others.
-        vertices, faces = world.arrays.vertices.view(), world.arrays.faces.view()
-        vertices.flags.writeable = faces.flags.writeable = False
-        arrays = world.arrays._replace(vertices=vertices, faces=faces)
-        lower, upper = find_boxes(arrays)
+        lower, upper = find_boxes(world.arrays)
         unit = 2.0 ** -int(np.frexp(max(np.abs(lower[ids]).max(), np.abs(upper[ids]).max()))[1])
         one, other = pairs.T
         ways = np.maximum(np.maximum(lower[one] - upper[other], lower[other] - upper[one]), 0.0) * unit
         joined = trees.join(world.state, world.state.geometry_ids[ids])
-        return cls(joined, arrays, pairs, unit, (ways * ways).sum(axis=1))
+        return cls(joined, world.arrays, pairs, unit, (ways * ways).sum(axis=1))
 
     def find_one(self, limit: float) -> tuple[int, NDArray[np.int32]] | None:
         """Return the pair of the nearest triangles, and them; None if all are beyond the limit of `measure`."""
@@ -187,13 +185,15 @@ class PairSearch(NamedTuple):
         is_chained : bool
             Whether each pair must be nearer than all before it.
         """
-        chosen = self._replace(pairs=self.pairs[which], gaps=self.gaps[which])
-        pairs, stack_size = chosen.pairs, self.trees.stack_size
+        trees, pairs = self.trees, self.pairs[which]
         found = Nearest(np.full(len(pairs), limit), np.full((len(pairs), 2), NO_PRIM, np.int32))
-        state = np.array([0, _NOT_BEGUN, 0, 0, 0], np.int64)
-        stack, bounds, corners = np.empty((stack_size, 2), np.int64), np.empty(stack_size), np.empty((6, 3))
-        while not _walk(chosen, is_chained, state, stack, bounds, found):
-            pair, prims = state[_PAIR], state[_PRIM_A : _PRIM_B + 1].astype(np.int32)
+        state, corners = np.array(_BEGIN, np.int64), np.empty((6, 3))
+        stack = np.empty((trees.stack_size, _ENTRY_WORDS), np.int64)
+        while not _LOOPS.walk(
+            self.arrays.addresses, *trees[:-1], pairs, self.gaps[which], self.unit,
+            is_chained, state, stack, *found,
+        ):  # fmt: skip
+            pair, _, _, *prims = state.tolist()
             place_pair(self.arrays, pairs[pair], prims, corners)
             distance, _ = measure_exactly(corners)
             squared = max((distance * self.unit) ** 2, APART) if distance > 0.0 else 0.0
@@ -216,152 +216,15 @@ def check_meshes(world: World, instance_ids: NDArray[np.int64]) -> NDArray[np.in
 def find_overlaps(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the pairs of boxes that overlap, (n, 2), the smaller number first, in ascending order."""
     order = np.argsort(lower[:, 0], kind="stable")
-    count = _sweep(lower, upper, order, np.empty((0, 2), np.int64))
+    count = _LOOPS.sweep(lower, upper, order, np.empty((0, 2), np.int64))
     check_room(count, PAIR_BYTES, "pairs")
     pairs = np.empty((count, 2), np.int64)
-    _sweep(lower, upper, order, pairs)
+    _LOOPS.sweep(lower, upper, order, pairs)
     return pairs[np.lexsort(pairs.T[::-1])]
 
 
-@compiled
-def _sweep(lower, upper, order, pairs):
-    """Write the pairs of boxes that overlap, as far as there is room; return their number."""
-    count = 0
-    for index in range(len(order)):
-        one = order[index]
-        for later in range(index + 1, len(order)):
-            other = order[later]
-            if lower[other, 0] > upper[one, 0]:
-                break
-            if (
-                lower[other, 1] <= upper[one, 1] and lower[one, 1] <= upper[other, 1]
-                and lower[other, 2] <= upper[one, 2] and lower[one, 2] <= upper[other, 2]
-            ):  # fmt: skip
-                if count < len(pairs):
-                    pairs[count, 0], pairs[count, 1] = min(one, other), max(one, other)
-                count += 1
-    return count
-
-
-@compiled
-def place_pair(arrays, instances, prims, corners):
+def place_pair(
+    arrays: SurfaceArrays, instances: NDArray[np.int64], prims: ArrayLike, corners: NDArray[np.float64]
+) -> None:
     """Write the corners of two triangles of two instances in the world, (6, 3)."""
-    for which in range(2):
-        triangle = _place(arrays, instances[which], prims[which], 1.0)
-        for corner in range(3):
-            for axis in range(3):
-                corners[3 * which + corner, axis] = triangle[corner][axis]
-
-
-@compiled
-def _place(arrays, instance, prim, unit):
-    geometry = arrays.geometry_id[instance]
-    face, base = arrays.first_face[geometry] + prim, arrays.first_vertex[geometry]
-    return (
-        _place_corner(arrays, instance, base + arrays.faces[face, 0], unit),
-        _place_corner(arrays, instance, base + arrays.faces[face, 1], unit),
-        _place_corner(arrays, instance, base + arrays.faces[face, 2], unit),
-    )
-
-
-@compiled
-def _place_corner(arrays, instance, vertex, unit):
-    x, y, z = arrays.vertices[vertex, 0], arrays.vertices[vertex, 1], arrays.vertices[vertex, 2]
-    x, y, z = place_point(arrays, instance, x, y, z)
-    return x * unit, y * unit, z * unit
-
-
-@compiled
-def _walk(search, is_chained, state, stack, bounds, found):
-    """Go on with a search; return False where a pair of triangles is to be decided by others."""
-    trees, arrays, pairs, unit, gaps = search.trees, search.arrays, search.pairs, search.unit, search.gaps
-    poses = Poses(np.empty((2, 3, 3)), np.empty(2), np.empty(3), np.empty(1))
-    while state[_PAIR] < len(pairs):
-        pair = state[_PAIR]
-        if state[_SIZE] == _NOT_BEGUN:
-            state[_SIZE] = 0
-            if is_chained and pair > 0:
-                found.squared[pair] = found.squared[pair - 1]
-            if gaps[pair] < found.squared[pair]:
-                for which in range(2):
-                    stack[0, which] = trees.first_node[arrays.geometry_id[pairs[pair, which]]]
-                bounds[0] = gaps[pair]
-                state[_SIZE] = 1
-        if state[_SIZE] > 0:
-            take_poses(arrays, pairs[pair], unit, poses)
-            if not _walk_pair(trees, arrays, pairs[pair], unit, poses, state, stack, bounds, found):
-                return False
-        state[_PAIR] += 1
-        state[_SIZE] = _NOT_BEGUN
-    return True
-
-
-@compiled
-def _walk_pair(trees, arrays, instances, unit, poses, state, stack, bounds, found):
-    """Walk the trees of a pair of instances, the nearer boxes first."""
-    pair, links = state[_PAIR], trees.links
-    first_a, first_b = (
-        trees.first_node[arrays.geometry_id[instances[0]]],
-        trees.first_node[arrays.geometry_id[instances[1]]],
-    )
-    while state[_SIZE] > 0:
-        state[_SIZE] -= 1
-        size = state[_SIZE]
-        if bounds[size] >= found.squared[pair]:
-            state[_TESTED] = 0  # also of leaves whose tests were not done
-            continue
-        a, b = stack[size, 0], stack[size, 1]
-        is_leaf_a, is_leaf_b = links[a, 1] > 0, links[b, 1] > 0
-        if is_leaf_a and is_leaf_b:
-            if not _test_leaves(trees, arrays, instances, unit, a, b, state, found):
-                state[_SIZE] += 1
-                return False
-            continue
-        if not is_leaf_a and (
-            is_leaf_b
-            or size_of(trees.boxes, a) * abs(poses.stretch[0]) > size_of(trees.boxes, b) * abs(poses.stretch[1])
-        ):
-            left_a = first_a + links[a, 0]
-            right_a, left_b, right_b = left_a + 1, b, b
-        else:
-            left_b = first_b + links[b, 0]
-            right_b, left_a, right_a = left_b + 1, a, a
-        (left, near_left), (right, near_right) = (
-            bound_distance(trees.boxes, left_a, left_b, poses),
-            bound_distance(trees.boxes, right_a, right_b, poses),
-        )
-        if near_left < near_right:
-            left_a, right_a, left_b, right_b, left, right = right_a, left_a, right_b, left_b, right, left
-        # The nearer one on top.
-        stack[size, 0], stack[size, 1], bounds[size] = left_a, left_b, left
-        stack[size + 1, 0], stack[size + 1, 1], bounds[size + 1] = right_a, right_b, right
-        state[_SIZE] += 2
-    return True
-
-
-@compiled
-def _test_leaves(trees, arrays, instances, unit, a, b, state, found):
-    """Test the triangles of two leaves; return False where a pair of them is to be decided by others."""
-    pair, links = state[_PAIR], trees.links
-    first_a = trees.first_prim[arrays.geometry_id[instances[0]]] + links[a, 0]
-    first_b = trees.first_prim[arrays.geometry_id[instances[1]]] + links[b, 0]
-    tested, number = state[_TESTED], 0
-    state[_TESTED] = 0
-    for slot_a in range(first_a, first_a + links[a, 1]):
-        prim_a = trees.prim_ids[slot_a]
-        if prim_a == NO_PRIM:
-            number += links[b, 1]
-            continue
-        one = _place(arrays, instances[0], prim_a, unit)
-        for slot_b in range(first_b, first_b + links[b, 1]):
-            number += 1
-            prim_b = trees.prim_ids[slot_b]
-            if number <= tested or prim_b == NO_PRIM:
-                continue
-            squared, is_open = measure_triangles(one, _place(arrays, instances[1], prim_b, unit), found.squared[pair])
-            if is_open:
-                state[_TESTED], state[_PRIM_A], state[_PRIM_B] = number, prim_a, prim_b
-                return False
-            if squared < found.squared[pair]:
-                found.squared[pair], found.prim_ids[pair, 0], found.prim_ids[pair, 1] = squared, prim_a, prim_b
-    return True
+    _LOOPS.place_pair(arrays.addresses, instances, np.asarray(prims, np.int32), corners)

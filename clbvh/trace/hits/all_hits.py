@@ -14,9 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...structs import HIT_PRIM_ID, NO_PRIM
-from ...support.compiled import compiled
-from ...support.loop_functions import prefetch
+from ...device.host.loops import Loops
 from ..launch import Call, Caster, Query
 from ..put_rays import cut_batch, put_rays
 from ..ranges import cast_rays
@@ -24,7 +22,7 @@ from ..rays.batch import RayBatch, check_room
 from ..rays.pieces import Progress, RayPiece
 from ..world.surface_arrays import SurfaceArrays
 from .hits import AllHits
-from .refine import BLOCK_HITS, LEAST_HITS, PREFETCH_HITS, RefineBlock, RefinedHits, locate, refine_block
+from .refine import LEAST_HITS, RefinedHits
 from .surface import Surface
 
 FIRST_HITS = Query("first_hits", "hits")
@@ -43,14 +41,10 @@ _RAY_BYTES = 12
 OFFSET_BITS = 40
 OFFSET_MASK = (1 << OFFSET_BITS) - 1
 
-# The primitive of a hit is the upper half of one of its 8-byte words.
-_PRIM_WORD, _PRIM_SHIFT = HIT_PRIM_ID // 2, 32
-
-# Prefetch distance in rays.
-_PREFETCH_RAYS = 16
-
 # Rays that are made contiguous at a time, where they are not.
 _MOST_RAYS = 2**20
+
+_LOOPS = Loops("hits/all_hits")
 
 
 class Crossings(NamedTuple):
@@ -65,14 +59,13 @@ class Crossings(NamedTuple):
         The others follow in the order along the ray.
     segment_begins : (segments + 1,) int64
         Begin of each segment in `found`.
-    found : (m, lanes) float32
-        `structs.HIT` or `structs.WORLD_HIT` as lanes.
+    found : (m,) `structs.HIT` or `structs.WORLD_HIT`
     """
 
     counts: NDArray[np.int32]
     sources: NDArray[np.int64]
     segment_begins: NDArray[np.int64]
-    found: NDArray[np.float32]
+    found: NDArray[np.void]
 
 
 @dataclass
@@ -123,7 +116,7 @@ def find_crossings(
         found[begin : begin + len(segment)] = segment
 
     caster.threads.run(join, list(zip(segment_begins[:-1].tolist(), segments, strict=True)))
-    return Crossings(counts, sources, segment_begins, found.view(np.float32))
+    return Crossings(counts, sources, segment_begins, found.view(caster.world.hit_dtype).reshape(-1))
 
 
 def _search_round(
@@ -156,13 +149,14 @@ def _compact_piece(
 
     def compact(segment: int, first: int, last: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         hits, crowded = np.empty(((last - first) * slots, words), np.int64), np.empty(last - first, np.int64)
-        hit_count, crowded_count = _compact(
-            kept[first:last], users[first:last], slots == search.max_hits, segment << OFFSET_BITS,
-            hits, crowded, search.counts, search.sources,
+        crowded_count = np.empty(1, np.int64)
+        hit_count = _LOOPS.compact(
+            kept[first:last], slots, words, users[first:last], slots == search.max_hits, segment << OFFSET_BITS,
+            hits, crowded, crowded_count, search.counts, search.sources,
         )  # fmt: skip
         # Most slots are empty: their memory is given back.
         hits.resize((hit_count, words), refcheck=False)
-        return hits, crowded[:crowded_count].copy()
+        return hits, crowded[: crowded_count[0]].copy()
 
     ranges = threads.ranges(len(kept), LEAST_HITS)
     parts = threads.run(compact, [(len(search.segments) + part, *bounds) for part, bounds in enumerate(ranges)])
@@ -170,56 +164,11 @@ def _compact_piece(
     return [crowded for _, crowded in parts]
 
 
-@compiled
-def _compact(kept, users, is_enough, segment, hits, crowded, counts, sources):
-    """Copy the hits before the first miss of each ray, one behind the other.
-
-    Rays whose slots are all taken are listed instead, unless `is_enough`. Returns the numbers of hits copied and of
-    rays listed.
-    """
-    slots = kept.shape[1]
-    hit_count, crowded_count = 0, 0
-    for ray in range(len(users)):
-        coming = users[min(ray + _PREFETCH_RAYS, len(users) - 1)]
-        prefetch(counts, coming)
-        prefetch(sources, coming)
-        count = 0
-        while count < slots and kept[ray, count, _PRIM_WORD] >> _PRIM_SHIFT != NO_PRIM:
-            count += 1
-        if count == 0:
-            continue
-        user = users[ray]
-        if count == slots and not is_enough:
-            crowded[crowded_count] = user
-            crowded_count += 1
-            continue
-        counts[user], sources[user] = count, segment | hit_count
-        for slot in range(count):
-            for word in range(kept.shape[2]):
-                hits[hit_count, word] = kept[ray, slot, word]
-            hit_count += 1
-    return hit_count, crowded_count
-
-
-@compiled
-def source_index(source, segment_begins):
-    """Return the index of a ray's first crossing in `Crossings.found`."""
-    return segment_begins[source >> OFFSET_BITS] + (source & OFFSET_MASK)
-
-
 def running_sums(counts: NDArray[np.integer]) -> NDArray[np.int64]:
     """Return (n + 1,) int64: the sum of the counts before each one, and of all."""
-    offsets = np.empty(len(counts) + 1, np.int64)
-    _sum_up(counts, offsets)
+    offsets = np.zeros(len(counts) + 1, np.int64)
+    counts.cumsum(out=offsets[1:])
     return offsets
-
-
-@compiled
-def _sum_up(counts, offsets):
-    # Three times as fast as numpy's sum of 4-byte numbers in 8 bytes.
-    offsets[0] = 0
-    for index in range(len(counts)):
-        offsets[index + 1] = offsets[index] + counts[index]
 
 
 def find_all_hits(
@@ -266,80 +215,18 @@ def refine_rays(
     float32 resolves in the other order. In a scene, the hits of a ray are in the order of t in float64: the device
     resolves the distance of two instances less the farther they are from the ray's origin.
     """
-    found_ints, block, slot = crossings.found.view(np.int32), RefineBlock.of_thread(), first_slot
-    for first in range(begin, end, _MOST_RAYS):
-        last = min(first + _MOST_RAYS, end)
-        # Counts and sources of these rays alone: their indices agree with the part's.
-        of_part = crossings._replace(counts=crossings.counts[first:last], sources=crossings.sources[first:last])
-        slot = _refine(batch.part(first, last), arrays, of_part, found_ints, block, slot, hits, locations)
-    counts = crossings.counts[begin:end]
-    if arrays.is_lone:
-        keep_order(counts, first_slot, hits.t)
-    else:
-        _sort_by_t(counts, first_slot, hits, locations)
-
-
-@compiled(error_model="numpy")
-def _refine(rays, arrays, crossings, found_ints, block, slot, hits, locations):
-    """Write the hits of rays from a slot on, and return the slot behind them."""
-    counts, sources, segment_begins = crossings.counts, crossings.sources, crossings.segment_begins
-    found, ray, depth = crossings.found, 0, 0
-    while ray < len(counts):
-        # List the next hits, and where they go.
-        count = 0
-        while ray < len(counts) and count < BLOCK_HITS:
-            if depth == counts[ray]:
-                ray, depth = ray + 1, 0
-                if ray + PREFETCH_HITS < len(counts):
-                    coming = source_index(sources[ray + PREFETCH_HITS], segment_begins)
-                    prefetch(found, found.shape[1] * coming + HIT_PRIM_ID)
-                continue
-            block.rays[count], block.targets[count] = ray, slot
-            block.sources[count] = source_index(sources[ray], segment_begins) + depth
-            slot += 1
-            depth += 1
-            count += 1
-        refine_block(rays, arrays, found_ints, block, count, hits)
-        if locations is not None:
-            locate(arrays, found_ints, block, count, locations)
-    return slot
-
-
-@compiled
-def keep_order(counts, first_slot, t):
-    """Raise each t to that of the crossing before it on the ray."""
     slot = first_slot
-    for ray in range(len(counts)):
-        for depth in range(counts[ray]):
-            if depth > 0:
-                t[slot] = max(t[slot], t[slot - 1])
-            slot += 1
+    of_kind = (crossings.found, None) if arrays.is_lone else (None, crossings.found)
+    for first in range(begin, end, _MOST_RAYS):
+        rays = batch.part(first, last := min(first + _MOST_RAYS, end))
+        slot = _LOOPS.refine_rays(
+            arrays.addresses, *rays.as_arguments(), *of_kind, crossings.segment_begins, crossings.counts[first:last],
+            crossings.sources[first:last], slot, *hits, locations,
+        )  # fmt: skip
+    if not arrays.is_lone:
+        _LOOPS.sort_by_t(crossings.counts[begin:end], first_slot, *hits, locations)
 
 
-@compiled
-def _sort_by_t(counts, first_slot, hits, locations):
-    """Sort the hits of each ray by t; equal ones keep their order. Nearly all are in order already."""
-    t = hits.t
-    begin = first_slot
-    for ray in range(len(counts)):
-        end = begin + counts[ray]
-        for slot in range(begin + 1, end):
-            while slot > begin and t[slot] < t[slot - 1]:
-                _swap(slot, hits, locations)
-                slot -= 1
-        begin = end
-
-
-@compiled
-def _swap(slot, hits, locations):
-    """Swap a hit with the one before it."""
-    t, u, v, is_front, prim_id, instance_id = hits
-    t[slot], t[slot - 1] = t[slot - 1], t[slot]
-    u[slot], u[slot - 1] = u[slot - 1], u[slot]
-    v[slot], v[slot - 1] = v[slot - 1], v[slot]
-    is_front[slot], is_front[slot - 1] = is_front[slot - 1], is_front[slot]
-    prim_id[slot], prim_id[slot - 1] = prim_id[slot - 1], prim_id[slot]
-    instance_id[slot], instance_id[slot - 1] = instance_id[slot - 1], instance_id[slot]
-    if locations is not None:
-        for axis in range(3):
-            locations[slot, axis], locations[slot - 1, axis] = locations[slot - 1, axis], locations[slot, axis]
+def keep_order(counts: NDArray[np.int32], first_slot: int, t: NDArray[np.float64]) -> None:
+    """Raise each t, from a slot on, to that of the hit before it on the ray, given the hits of each ray."""
+    _LOOPS.keep_order(counts, first_slot, t)

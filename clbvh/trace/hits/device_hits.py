@@ -1,6 +1,6 @@
 """Closest hits that stay on the device: rays are packed, cast and refined there, and the host sees none of them.
 
-Spheres, and devices without double precision, are refined by the host; see `refine.py` for what is computed.
+Spheres, and devices without double precision, are refined by the host; see cl/hits/refine.cl for what is computed.
 """
 
 from __future__ import annotations

@@ -14,21 +14,21 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ...device.host.loops import Loops
 from ...geometry import Mesh, Shape
 from ...structs import NO_PRIM
 from ...support.host_threads import HostThreads
 from ..world.surface_arrays import SurfaceArrays, SurfacePoints, lone_arrays, make_surface_arrays
 from ..world.world import World
 from .interpolate import group_by_geometry, interpolate_vertices
-from .locations import locate_points, make_normals, turn_normals
-from .offsets import offset_points
-from .room import make_room
 
 # To ask for threads would take longer than fewer points.
 _FEW_POINTS = 1 << 10
 
 # The mean of unit vectors is no direction if its square is smaller: they cancel each other.
 _LEAST_SQUARE = 2.0**-40
+
+_LOCATIONS, _OFFSETS, _ROOM = Loops("hits/locations"), Loops("hits/offsets"), Loops("hits/room")
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +125,9 @@ class Surface:
     def turn_normals(self, instance_id: NDArray[np.int32], normals: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (n, 3) float64: unit normals in the world of (n, 3) vectors of about length 1, normal in objects."""
         turned = np.empty(normals.shape)
-        turn_normals(self.arrays, np.ascontiguousarray(instance_id), normals, turned)
+        _LOCATIONS.turn_normals(
+            self.arrays.addresses, np.ascontiguousarray(instance_id), np.ascontiguousarray(normals), turned
+        )
         return turned
 
     def smooth_normals(self, points: SurfacePoints, normals: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -183,11 +185,11 @@ class Surface:
 
 
 def _locate(surface: Surface, *of_points: NDArray[Any]) -> None:
-    locate_points(surface.arrays, *of_points)
+    _LOCATIONS.locate_points(surface.arrays.addresses, *of_points)
 
 
 def _find_normals(surface: Surface, *of_points: NDArray[Any]) -> None:
-    make_normals(surface.arrays, *of_points)
+    _LOCATIONS.find_normals(surface.arrays.addresses, *of_points)
 
 
 def _offset(
@@ -200,19 +202,23 @@ def _offset(
     starts: NDArray[np.float64],
 ) -> None:
     arrays, reach, heights = surface.arrays, surface.reach, np.empty(len(us))
-    offset_points(arrays, reach, False, prim_ids, instance_ids, us, vs, is_front, starts, heights)
+    _OFFSETS.offset_points(arrays.addresses, reach, False, prim_ids, instance_ids, us, vs, is_front, starts, heights)
     crowded = np.flatnonzero(heights)
     if len(crowded) == 0:
         return
     points = prim_ids[crowded], instance_ids[crowded], us[crowded], vs[crowded], is_front[crowded]
     moved, heights = np.empty((len(crowded), 3)), heights[crowded]
-    offset_points(arrays, reach, True, *points, moved, heights)
+    _OFFSETS.offset_points(arrays.addresses, reach, True, *points, moved, heights)
     for geometry, rows in group_by_geometry(surface.geometry_ids(points[1])):
         mesh, first = cast(Mesh, surface.shapes[geometry]), arrays.first_face[geometry]
-        make_room(
-            mesh.vertices, mesh.faces, mesh.origin, mesh.scale, mesh.corner_faces,
-            arrays.margins[first : first + mesh.face_count], rows, points[0], *points[2:], heights,
+        around = mesh.corner_faces
+        corners = around.points[mesh.faces[points[0][rows]]]
+        most_walls = (around.begins[corners + 1] - around.begins[corners]).sum(axis=1).max()
+        _ROOM.make_room(
+            mesh.vertices, mesh.faces, mesh.origin, mesh.scale, *around,
+            arrays.margins[first : first + mesh.face_count], rows, np.empty((most_walls, 3, 3)), points[0], *points[2:],
+            heights,
         )  # fmt: skip
     is_moved = heights > 0.0
-    offset_points(arrays, reach, True, *points, moved, heights)
+    _OFFSETS.offset_points(arrays.addresses, reach, True, *points, moved, heights)
     starts[crowded[is_moved]] = moved[is_moved]

@@ -9,29 +9,20 @@ from __future__ import annotations
 
 import math
 from numbers import Integral
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ConfigError, QueryError
-from ...structs import (
-    HEMISPHERE,
-    HEMISPHERE_LANES,
-    HEMISPHERE_MASK,
-    HEMISPHERE_NORMAL,
-    HEMISPHERE_NUMBER,
-    HEMISPHERE_POSITION_LOW,
-    HEMISPHERE_T_MAX,
-)
-from ...support.compiled import compiled
+from ...structs import HEMISPHERE
 from ..launch import Batch, Call, Caster, Query
 from ..ranges import cast_ranges
 from ..rays.batch import Broadcast, broadcast_shape, check_room, read_lengths, read_masks, read_vectors
 from ..rays.pieces import LEAST_RAYS, Progress
 from ..world.surface_arrays import DOUBLE_ROUNDING, FLOAT_ROUNDING
 from ..world.tree_box import TreeBox
-from .pack import cut_points_of, find_point_order, put_points, take_masks, take_points
+from .pack import LOOPS, cut_points_of, find_point_order, put_points, take_masks, take_points
 
 AMBIENT_OCCLUSION = Query("ambient_occlusion", "open_counts", np.dtype(np.int32))
 
@@ -113,10 +104,6 @@ _SURFACE_ROUNDINGS = 64
 # Relative error of a position that the device has as a pair of float32.
 _PAIR_ROUNDING = 2.0**-45
 
-# A point farther away than this, in local units, is moved to that distance: what is seen from there is too small for a
-# ray to meet it, and float32 holds the coordinates.
-_FARTHEST = 2.0**24
-
 _FLOAT64 = np.dtype(np.float64)
 
 
@@ -177,7 +164,7 @@ class Hemispheres(NamedTuple):
         return self.points.shape
 
     def take(self, begin: int, end: int, box: TreeBox) -> HemisphereRows:
-        """Return a range of them, counted in C order, as compiled functions take them.
+        """Return a range of them, counted in C order, as loops take them.
 
         Points without a direction see nothing: their masks become 0.
 
@@ -196,7 +183,6 @@ class Hemispheres(NamedTuple):
         lost_count = int(np.broadcast_to(is_lost, end - begin).sum())
         if lost_count:
             normals, masks = np.where(is_lost[:, None], 1.0, normals), np.where(is_lost, np.uint32(0), masks)
-            normals.flags.writeable = masks.flags.writeable = False  # as others are, see `Broadcast.part`
         rounding = FLOAT_ROUNDING if self.points.items.dtype == np.float32 else DOUBLE_ROUNDING
         return HemisphereRows(
             points, normals, self.max_distance.part(begin, end, _FLOAT64), masks, _POINT_ROUNDINGS * rounding,
@@ -245,51 +231,13 @@ def pack_hemispheres(call: Call, rows: HemisphereRows, order: NDArray[np.int32],
     # Over the surface of a lone shape, which the device has in float32, they are lifted here, over others there.
     surface_rounding = _SURFACE_ROUNDINGS * world.arrays.rounding if world.is_lone else 0.0
     pair_rounding = 0.0 if world.is_lone else _PAIR_ROUNDING * float(world.box.half.max())
-    masks = rows.masks.view(np.int32)
+    arrays: list[NDArray[Any]] = [rows.points, rows.normals, rows.max_distance, rows.masks]
+    each_row = sum(1 << bit for bit, array in enumerate(arrays) if len(array) > 1)
 
     def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
-        lanes = packed.view(np.float32).reshape(-1, HEMISPHERE_LANES)
-        _pack(
-            rows, masks, order[first:last], first_number, centre, scale, surface_rounding, pair_rounding, lanes,
-            lanes.view(np.int32),
+        LOOPS.pack_hemispheres(
+            *arrays, each_row, rows.rounding, rows.offset, first_number, centre, scale, surface_rounding,
+            pair_rounding, order[first:last], packed,
         )  # fmt: skip
 
     return put_points(call, HEMISPHERE, len(order), pack)
-
-
-@compiled
-def _pack(rows, masks, order, first_number, centre, scale, surface_rounding, pair_rounding, packed, packed_ints):
-    local, normal = np.empty(3), np.empty(3)
-    for slot in range(len(order)):
-        point = order[slot]
-        point_row = point if len(rows.points) > 1 else 0
-        normal_row = point if len(rows.normals) > 1 else 0
-        longest, squared = 0.0, 0.0
-        for axis in range(3):
-            longest = max(longest, abs(rows.normals[normal_row, axis]))
-        for axis in range(3):
-            normal[axis] = rows.normals[normal_row, axis] / longest
-            squared += normal[axis] ** 2
-        length = np.sqrt(squared)
-
-        reach, breadth, coarseness = 0.0, 0.0, 0.0
-        for axis in range(3):
-            normal[axis] /= length
-            local[axis] = (rows.points[point_row, axis] - centre[axis]) * scale
-            reach = max(reach, abs(local[axis]))
-            breadth += abs(normal[axis])
-            coarseness += abs(normal[axis]) * abs(rows.points[point_row, axis])
-        share = _FARTHEST / reach if reach > _FARTHEST else 1.0
-        reach = min(reach, _FARTHEST)
-        lift = (surface_rounding * (1.0 + reach) + pair_rounding) * breadth
-        lift += (rows.rounding * coarseness + rows.offset) * scale
-
-        for axis in range(3):
-            position = local[axis] * share + lift * normal[axis]
-            packed[slot, axis] = position
-            packed[slot, HEMISPHERE_POSITION_LOW + axis] = position - np.float64(packed[slot, axis])
-            packed[slot, HEMISPHERE_NORMAL + axis] = normal[axis]
-        max_distance = rows.max_distance[point] if len(rows.max_distance) > 1 else rows.max_distance[0]
-        packed[slot, HEMISPHERE_T_MAX] = max_distance * scale
-        packed_ints[slot, HEMISPHERE_MASK] = masks[point] if len(masks) > 1 else masks[0]
-        packed_ints[slot, HEMISPHERE_NUMBER] = np.int64(first_number + point) & 0xFFFF_FFFF

@@ -8,16 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...device.host.loops import Loops
 from ...errors import QueryError
-from ...geometry.morton import SPREAD_BITS
-from ...structs import (
-    PACKED_POINT,
-    PACKED_POINT_LANES,
-    PACKED_POINT_MASK,
-    PACKED_POINT_POSITION_LOW,
-    PACKED_POINT_SPARE,
-)
-from ...support.compiled import compiled
+from ...structs import PACKED_POINT
 from ..launch import Batch, Call
 from ..rays.batch import Broadcast, too_far
 from ..rays.coherence import KeyOrder
@@ -29,11 +22,11 @@ from ..world.tree_box import TreeBox
 # larger one would cost more in float32: sixteen roundings of it are as much.
 FAR_SHARE = 512.0
 
-_ALL_GOOD = -1
+LOOPS = Loops("points/pack")
 
 
 def take_points(points: Broadcast, begin: int, end: int, box: TreeBox) -> NDArray[Any]:
-    """Return points `begin` to `end`, counted in C order, as compiled functions take them: (n, 3), contiguous.
+    """Return points `begin` to `end`, counted in C order, as loops take them: (n, 3), contiguous.
 
     Raises
     ------
@@ -43,9 +36,7 @@ def take_points(points: Broadcast, begin: int, end: int, box: TreeBox) -> NDArra
     part = points.part(begin, end, points.items.dtype)
     if len(part) < end - begin:  # all points are one
         part = np.broadcast_to(part, (end - begin, 3)).copy()
-        part.flags.writeable = False
-    bad = _find_bad(part, box.centre, box.scale)
-    if bad != _ALL_GOOD:
+    if (bad := LOOPS.find_bad(part, _is_double(part), len(part), box.centre, box.scale)) >= 0:
         subject, point = points.subject("points", begin + bad), part[bad]
         if not np.isfinite(point).all():
             raise QueryError(f"{subject} is not finite: {point}")
@@ -53,16 +44,8 @@ def take_points(points: Broadcast, begin: int, end: int, box: TreeBox) -> NDArra
     return part
 
 
-@compiled
-def _find_bad(points, centre, scale):
-    """Return the index of the first point whose local coordinates are not finite, or _ALL_GOOD."""
-    for point in range(len(points)):
-        for axis in range(3):
-            local = (points[point, axis] - centre[axis]) * scale
-            # Infinity minus infinity is NaN.
-            if local - local != 0.0:
-                return point
-    return _ALL_GOOD
+def _is_double(vectors: NDArray[Any]) -> bool:
+    return vectors.dtype == np.float64
 
 
 _MASK_TYPE = np.dtype(np.uint32)
@@ -103,8 +86,8 @@ def pack_points(call: Call, points: NDArray[Any], masks: NDArray[np.uint32], ord
     centre, scale, far = box.centre, box.scale, FAR_SHARE * box.half.max()
 
     def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
-        lanes = packed.view(np.float32).reshape(-1, PACKED_POINT_LANES)
-        _pack(points, masks.view(np.int32), order[first:last], centre, scale, far, lanes, lanes.view(np.int32))
+        given = points, _is_double(points), masks, len(masks) > 1
+        LOOPS.pack_points(*given, centre, scale, far, order[first:last], packed)
 
     return put_points(call, PACKED_POINT, len(order), pack)
 
@@ -115,25 +98,6 @@ def take_masks(masks: Broadcast | None, begin: int, end: int) -> NDArray[np.uint
     Without masks, every instance is visible.
     """
     return _ALL_VISIBLE if masks is None else masks.part(begin, end, _MASK_TYPE)
-
-
-@compiled
-def _pack(points, masks, order, centre, scale, far, packed, packed_ints):
-    local = np.empty(3)
-    for slot in range(len(order)):
-        point = order[slot]
-        size = 0.0
-        for axis in range(3):
-            local[axis] = (points[point, axis] - centre[axis]) * scale
-            size = max(size, abs(local[axis]))
-        # Moved towards the centre if it is farther away than `far`.
-        share = far / size if size > far else 1.0
-        for axis in range(3):
-            local[axis] *= share
-            packed[slot, axis] = local[axis]
-            packed[slot, PACKED_POINT_POSITION_LOW + axis] = local[axis] - np.float64(packed[slot, axis])
-        packed_ints[slot, PACKED_POINT_MASK] = masks[point] if len(masks) > 1 else masks[0]
-        packed[slot, PACKED_POINT_SPARE] = 0.0
 
 
 # Fewer points stay in their order. Whole calls with 1,024, 4,096 and 16,384 points, sorted against unsorted, 2 cores of
@@ -161,18 +125,7 @@ def find_point_order(points: NDArray[Any], box: TreeBox, order_by_keys: KeyOrder
     half = _CUBE_SHARE * (float(box.half.max()) or 1.0) / box.scale
 
     def make_keys(begin: int, end: int, keys: NDArray[np.int32]) -> None:
-        _make_keys(points[begin:end], box.centre, half, _CELLS / (2 * half), keys)
+        own = points[begin:end], _is_double(points)
+        LOOPS.write_keys(*own, box.centre, half, _CELLS / (2 * half), keys)
 
     return order_by_keys(len(points), make_keys)
-
-
-@compiled
-def _make_keys(points, centre, half, scale, keys):
-    for point in range(len(points)):
-        key = 0
-        for axis in range(3):
-            position = (points[point, axis] - centre[axis] + half) * scale
-            # Written so that NaN is in the first cell.
-            cell = 0 if not position > 0.0 else _CELLS - 1 if position >= _CELLS else int(position)
-            key |= SPREAD_BITS[cell] << axis
-        keys[point] = key

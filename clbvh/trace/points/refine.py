@@ -7,14 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...structs import HIT, NO_PRIM, PRIM_KINDS
-from ...support.compiled import compiled
-from ...support.loop_functions import exponent_of, power_of_two, times_power_of_two
+from ...device.host.loops import Loops
+from ...structs import HIT, NO_PRIM
 from ..hits.hits import show_found, show_index, show_values
 from ..world.metrics import Metrics
-from ..world.surface_arrays import SurfaceArrays, place_point, place_vector
+from ..world.surface_arrays import SurfaceArrays
 from ..world.tree_box import TreeBox
-from .ellipsoid import find_shares
 
 
 class _Points(NamedTuple):
@@ -91,59 +89,11 @@ class ClosestPoints(_Points):
         )
 
 
-@compiled(error_model="numpy")
-def closest_on_triangle(a, b, c, weights):
-    """Write the weights of the corners at the point closest to zero; return its squared distance from there."""
-    squared = _closest_on_edge(a, b, 0, 1, weights, np.inf)
-    squared = _closest_on_edge(b, c, 1, 2, weights, squared)
-    squared = _closest_on_edge(c, a, 2, 0, weights, squared)
-    return _closest_inside(a, b, c, weights, squared)
-
-
-@compiled(error_model="numpy")
-def _closest_on_edge(begin, end, begin_corner, end_corner, weights, squared):
-    """Write the weights of the edge's closest point if it is closer than before; return its squared distance."""
-    dx, dy, dz = end[0] - begin[0], end[1] - begin[1], end[2] - begin[2]
-    share = -(begin[0] * dx + begin[1] * dy + begin[2] * dz) / (dx * dx + dy * dy + dz * dz)
-    share = min(share, 1.0) if share > 0.0 else 0.0
-    x, y, z = begin[0] + share * dx, begin[1] + share * dy, begin[2] + share * dz
-    if x * x + y * y + z * z >= squared:
-        return squared
-    weights[0] = weights[1] = weights[2] = 0.0
-    weights[begin_corner], weights[end_corner] = 1.0 - share, share
-    return x * x + y * y + z * z
-
-
-@compiled(error_model="numpy")
-def _closest_inside(a, b, c, weights, squared):
-    """Write the weights of the foot of the perpendicular if it is in the triangle; return its squared distance."""
-    abx, aby, abz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    acx, acy, acz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    nx, ny, nz = aby * acz - abz * acy, abz * acx - abx * acz, abx * acy - aby * acx
-    weight_a = nx * (b[1] * c[2] - b[2] * c[1]) + ny * (b[2] * c[0] - b[0] * c[2]) + nz * (b[0] * c[1] - b[1] * c[0])
-    weight_b = nx * (c[1] * a[2] - c[2] * a[1]) + ny * (c[2] * a[0] - c[0] * a[2]) + nz * (c[0] * a[1] - c[1] * a[0])
-    weight_c = nx * (a[1] * b[2] - a[2] * b[1]) + ny * (a[2] * b[0] - a[0] * b[2]) + nz * (a[0] * b[1] - a[1] * b[0])
-    total = weight_a + weight_b + weight_c
-    if not (weight_a >= 0.0 and weight_b >= 0.0 and weight_c >= 0.0 and total > 0.0):
-        return squared
-    # The plane's distance along its normal: better than the weighted sum of corners, which cancel.
-    along = a[0] * nx + a[1] * ny + a[2] * nz
-    of_plane = along * along / (nx * nx + ny * ny + nz * nz)
-    if of_plane >= squared:
-        return squared
-    weights[0], weights[1], weights[2] = weight_a / total, weight_b / total, weight_c / total
-    return of_plane
-
-
-# A point farther from a lone mesh than this many times half the box's size is moved to that distance, towards the
-# centre: beyond it, float64 would round the differences to the corners more than the move changes.
+# A point farther from a lone mesh than this many times half the box's size is moved to that distance, see
+# cl/host/points/refine.cl.
 _FAR_SHARE = 2.0**20
 
-# The same for an instance, in sizes of the primitive, and towards it: float64 would round the way to the primitive by
-# more than the closest point changes, by a size over this number.
-_FAR_PRIM_SHARE = 2.0**26
-
-_SPHERES = PRIM_KINDS["spheres"]
+_LOOPS = Loops("points/refine")
 
 
 class FoundPoints(NamedTuple):
@@ -210,123 +160,10 @@ def refine_points(
     slots : (m,) int32
         Where to write each of them.
     """
-    # Contiguous, because numba would compile another version of the loop for others.
     prim_ids = prims["prim_id"].copy()
     instance_ids = np.minimum(prim_ids, 0) if prims.dtype == HIT else prims["instance_id"].copy()
-    far = _FAR_SHARE * box.half.max() / box.scale
-    _refine(
-        points, order, arrays, metrics.axes, metrics.half_lengths, box.centre, far, prim_ids, instance_ids, slots,
-        found,
+    farthest = _FAR_SHARE * box.half.max() / box.scale
+    _LOOPS.refine_points(
+        points, points.dtype == np.float64, order, arrays.addresses, metrics.axes, metrics.half_lengths, box.centre,
+        farthest, prim_ids, instance_ids, slots, *found,
     )  # fmt: skip
-
-
-@compiled(error_model="numpy")
-def _refine(points, order, arrays, axes, half_lengths, centre, far, prim_ids, instance_ids, slots, found):
-    a, b, c, weights, way = scratch = (np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3))
-    distance, nearest = found.distance, found.point
-    vertices, faces, kind, geometry_id = arrays.vertices, arrays.faces, arrays.kind, arrays.geometry_id
-    for row in range(len(order)):
-        index, slot, prim, instance = order[row], slots[row], prim_ids[row], instance_ids[row]
-        found.prim_id[slot], found.instance_id[slot] = prim, instance
-        if prim == NO_PRIM:
-            distance[slot] = np.inf
-            nearest[slot, 0] = nearest[slot, 1] = nearest[slot, 2] = np.nan
-            continue
-        geometry = geometry_id[instance]
-        if kind[geometry] == _SPHERES:
-            distance[slot] = _close_to_sphere(
-                points[index], arrays, axes[instance], half_lengths[instance], instance, prim, scratch, nearest[slot]
-            )
-            continue
-
-        # The first corner and the edges from there, which are placed by themselves: far from zero they keep digits that
-        # differences of placed corners would lose.
-        face, base = arrays.first_face[geometry] + prim, arrays.first_vertex[geometry]
-        first, second, third = base + faces[face, 0], base + faces[face, 1], base + faces[face, 2]
-        x, y, z = vertices[first, 0], vertices[first, 1], vertices[first, 2]
-        ux, uy, uz = vertices[second, 0] - x, vertices[second, 1] - y, vertices[second, 2] - z
-        vx, vy, vz = vertices[third, 0] - x, vertices[third, 1] - y, vertices[third, 2] - z
-
-        # The corners as seen from the point, times a power of two.
-        size, reach = 0.0, 0.0
-        if arrays.is_lone:
-            scale = arrays.scale[0]
-            for axis in range(3):
-                reach = max(reach, abs(points[index, axis] - centre[axis]))
-            is_far = reach > far
-            for axis in range(3):
-                own = np.float64(points[index, axis])
-                if is_far:
-                    own = centre[axis] + (own - centre[axis]) * (far / reach)
-                a[axis] = (vertices[first, axis] - own) * scale
-                b[axis] = (vertices[second, axis] - own) * scale
-                c[axis] = (vertices[third, axis] - own) * scale
-        else:
-            b[0], b[1], b[2] = place_vector(arrays, instance, ux, uy, uz)
-            c[0], c[1], c[2] = place_vector(arrays, instance, vx, vy, vz)
-            way[0], way[1], way[2] = place_point(arrays, instance, x, y, z)
-            for axis in range(3):
-                way[axis] -= points[index, axis]
-                size = max(size, abs(b[axis]), abs(c[axis]))
-                reach = max(reach, abs(way[axis]))
-            is_far = reach > _FAR_PRIM_SHARE * size
-            share = _FAR_PRIM_SHARE * size / reach if is_far else 1.0
-            scale = power_of_two(-exponent_of(max(reach * share, size)))
-            for axis in range(3):
-                a[axis] = way[axis] * share * scale
-                b[axis] = a[axis] + b[axis] * scale
-                c[axis] = a[axis] + c[axis] * scale
-
-        squared = closest_on_triangle(a, b, c, weights)
-        x += weights[1] * ux + weights[2] * vx
-        y += weights[1] * uy + weights[2] * vy
-        z += weights[1] * uz + weights[2] * vz
-        if not arrays.is_lone:
-            x, y, z = place_point(arrays, instance, x, y, z)
-        nearest[slot, 0], nearest[slot, 1], nearest[slot, 2] = x, y, z
-        if is_far:
-            distance[slot] = _far_distance(points[index], nearest[slot], reach)
-        else:
-            distance[slot] = np.sqrt(squared) / scale
-
-
-@compiled(error_model="numpy")
-def _close_to_sphere(point, arrays, axes, half_lengths, instance, prim, scratch, nearest):
-    """Write the closest point of the ellipsoid that a placed sphere is, and return its distance."""
-    sphere = arrays.first_sphere[arrays.geometry_id[instance]] + prim
-    x, y, z, radius = (
-        arrays.spheres[sphere, 0], arrays.spheres[sphere, 1], arrays.spheres[sphere, 2], arrays.spheres[sphere, 3]
-    )  # fmt: skip
-    position, lengths, signs, shares, way = scratch
-    nearest[0], nearest[1], nearest[2] = place_point(arrays, instance, x, y, z)
-    size, reach = 0.0, 0.0
-    for axis in range(3):
-        way[axis] = point[axis] - nearest[axis]
-        reach = max(reach, abs(way[axis]))
-        size = max(size, half_lengths[axis] * radius)
-    is_far = reach > _FAR_PRIM_SHARE * size
-    share = _FAR_PRIM_SHARE * size / reach if is_far else 1.0
-    exponent = exponent_of(size)
-    for row in range(3):
-        along = axes[row, 0] * way[0] + axes[row, 1] * way[1] + axes[row, 2] * way[2]
-        signs[row] = -1.0 if along < 0.0 else 1.0
-        position[row] = times_power_of_two(abs(along) * share, -exponent)
-        lengths[row] = times_power_of_two(half_lengths[row] * radius, -exponent)
-    find_shares(position, lengths, shares)
-    squared = 0.0
-    for row in range(3):
-        away = position[row] - shares[row] * lengths[row]
-        squared += away * away
-        for axis in range(3):
-            nearest[axis] += signs[row] * shares[row] * (half_lengths[row] * radius) * axes[row, axis]
-    return _far_distance(point, nearest, reach) if is_far else times_power_of_two(np.sqrt(squared), exponent)
-
-
-@compiled(error_model="numpy")
-def _far_distance(point, nearest, reach):
-    """Return the distance of a point from its closest one, whose square may leave float64, given about its size."""
-    squared = 0.0
-    for axis in range(3):
-        away = (nearest[axis] - point[axis]) / reach
-        squared += away * away
-    return reach * np.sqrt(squared)

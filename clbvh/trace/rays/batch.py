@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import QueryError
 from ...geometry.arrays import has_masked_values, on_host
-from ...support.compiled import compiled
 from ...support.memory import check_memory
 
 _FLOAT64 = np.dtype(np.float64)
@@ -286,7 +285,7 @@ class Broadcast(NamedTuple):
         # The fast path, for ordinary arrays. `flags.carray` would warn of results of `np.broadcast_arrays`.
         if is_flat and values.shape[:1] == shape and flags.c_contiguous and flags.aligned:
             return cls._of_items(values, item_dims, shape, shape)
-        if not flags.aligned:  # numba would compile one more version
+        if not flags.aligned:  # loops need it
             values = values.copy()
         leading_dims = values.ndim - item_dims
         given_shape, item_shape = values.shape[:leading_dims], values.shape[leading_dims:]
@@ -325,10 +324,7 @@ class Broadcast(NamedTuple):
         return self.is_flat and self.items.flags.c_contiguous
 
     def part(self, begin: int, end: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-        """Return the items of elements `begin` to `end`, or the one for all, contiguous and read-only.
-
-        Read-only, because numba would compile another version of each function for writable arrays.
-        """
+        """Return the items of elements `begin` to `end`, or the one for all, contiguous."""
         if self.is_flat:
             part = self.items if self.is_one else self.items[begin:end]
             if part.dtype == dtype and part.flags.c_contiguous:
@@ -337,7 +333,6 @@ class Broadcast(NamedTuple):
         else:
             part = np.empty((end - begin, *self.items.shape[len(self.shape) :]), dtype)
             _copy_range(self.items, len(self.shape), begin, end, part)
-        part.flags.writeable = False
         return part
 
     def take(self, indices: NDArray[np.integer]) -> Broadcast:
@@ -403,9 +398,9 @@ def _copy_range(grid: NDArray[Any], leading_dims: int, begin: int, end: int, tar
 
 
 class RayRows(NamedTuple):
-    """Rays in contiguous arrays, as compiled functions take them.
+    """Rays in contiguous arrays, as loops take them.
 
-    An array with a single row holds it for all rays: `row_step` tells how far the row of the next ray is.
+    An array with a single row holds it for all rays.
 
     Attributes
     ----------
@@ -418,11 +413,19 @@ class RayRows(NamedTuple):
     t_min: NDArray[np.float64]
     t_max: NDArray[np.float64]
 
+    def as_arguments(self) -> tuple[Any, ...]:
+        """Return what loops are told of rays, see cl/rays/rows.cl."""
+        doubles = (self.origins.itemsize == _FLOAT64.itemsize) + 2 * (self.directions.itemsize == _FLOAT64.itemsize)
+        each_limit = (len(self.t_min) > 1) + 2 * (len(self.t_max) > 1)
+        return (
+            self.origins, _step_of(self.origins), self.directions, _step_of(self.directions), doubles,
+            self.t_min, self.t_max, each_limit,
+        )  # fmt: skip
 
-@compiled
-def row_step(rows):
-    """Return the distance between the rows of consecutive rays: 0 if all rays share one."""
-    return 1 if len(rows) > 1 else 0
+
+def _step_of(rows: NDArray[Any]) -> int:
+    """Return the bytes from the row of a ray to the next, 0 if all rays share one."""
+    return rows.strides[0] if len(rows) > 1 else 0
 
 
 def check_room(count: int, bytes_of_each: int, subject: str = "rays") -> None:

@@ -17,6 +17,13 @@ from ...layouts.device_mesh import DeviceMesh
 from ...support.forks import make_lock
 from .surface_arrays import SurfaceArrays
 
+# Of one shape that lies where its coordinates say; what it has no use for is not read.
+_FIRST = np.zeros(1, np.int32)
+_LONE = {
+    "first_vertex": np.zeros(1, np.int64), "first_face": np.zeros(1, np.int64), "linear": np.zeros((1, 3, 3)),
+    "offset": np.zeros((1, 3)), "world_scale": np.ones(1), "is_mirrored": np.zeros(1, np.bool_),
+}  # fmt: skip
+
 
 class RefineBuffers:
     """What the kernel is told of one world; for any number of threads.
@@ -53,23 +60,19 @@ class RefineBuffers:
 
     def _put(self, owner: DeviceSession, session: DeviceSession) -> dict[str, Any]:
         before, self._kept = self._kept, {}
-        source: Any = self._lone
-        on_device, has_doubles = {}, True
-        if source is None:
-            source = self._find_arrays()
-            parts = source.linear.reshape(-1, 9), source.offset, source.world_scale, source.is_mirrored
-            instances, ids = np.column_stack(parts), source.geometry_id
-            first_rows = np.column_stack((source.first_vertex, source.first_face))
-        else:
-            instances, ids, first_rows = np.zeros((1, 14)), np.zeros(1, np.int32), np.zeros((1, 2), np.int64)
-            instances[0, 12] = source.scale
-        if isinstance(source, DeviceMesh):
-            on_device = {name: source.buffer_on(session, name) for name in ("vertices", "faces")}
-            has_doubles = on_device["vertices"] is None or source.has_doubles
-        arguments: dict[str, Any] = {"is_lone": np.int32(self._lone is not None), "has_doubles": np.int32(has_doubles)}
+        lone: Any = self._lone
+        on_device = {}
+        if isinstance(lone, DeviceMesh):
+            on_device = {name: lone.buffer_on(session, name) for name in ("vertices", "faces")}
+        has_doubles = on_device.get("vertices") is None or lone.has_doubles
+        arguments: dict[str, Any] = {"is_lone": np.int32(lone is not None), "has_doubles": np.int32(has_doubles)}
         arguments |= on_device
+        source = self._find_arrays() if lone is None else lone
         arrays = {name: getattr(source, name) for name in ("vertices", "faces") if on_device.get(name) is None}
-        arrays |= {"instances": instances, "geometry_ids": ids, "first_rows": first_rows}
+        if lone is None:
+            arrays |= {name: getattr(source, name) for name in _LONE} | {"geometry_ids": source.geometry_id}
+        else:
+            arrays |= _LONE | {"geometry_ids": _FIRST, "world_scale": np.array([lone.scale])}
         for name, array in arrays.items():
             kept = before.get(name)
             if kept is None or kept[0] is not array:

@@ -11,13 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...device.host.loops import Loops
 from ...device.session import DeviceSession
 from ...geometry import Shape
 from ...layouts.device_prims import DevicePrims
 from ...structs import BOX_LANES, LAYOUT_WIDTHS
-from ...support.compiled import compiled
 from .tree_box import TreeBox
 from .trees import DeviceTrees
+
+_LOOPS = Loops("world/trees")
 
 _WORK_GROUP = (64,)
 
@@ -137,13 +139,8 @@ def list_children(nodes: NDArray[np.void]) -> NDArray[np.int32]:
     return np.where(is_node, nodes["first"], 0)
 
 
-@compiled
-def find_levels(children):
+def find_levels(children: NDArray[np.int32]) -> NDArray[np.int64]:
     """Return how far the farthest leaf is below each node, (N,) int64; children stand behind their parent."""
-    levels = np.zeros(len(children), np.int64)
-    for node in range(len(children) - 1, -1, -1):
-        for slot in range(children.shape[1]):
-            child = children[node, slot]
-            if child > 0:
-                levels[node] = max(levels[node], levels[child] + 1)
+    levels = np.empty(len(children), np.int64)
+    _LOOPS.find_levels(levels, children.shape[1], children)
     return levels

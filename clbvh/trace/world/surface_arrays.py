@@ -1,4 +1,4 @@
-"""The arrays of a mesh or of a scene in one value, for the compiled functions that compute in float64 on them.
+"""The arrays of a mesh or of a scene in one value, for the loops that compute in float64 on them.
 
 Owns the concatenation of the geometries' arrays, and the matrices of the instances with their inverses. Must not know
 of rays, hits and devices.
@@ -7,17 +7,19 @@ of rays, hits and devices.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...device.host.loops import Loops, pack_struct
 from ...errors import SceneError
 from ...geometry import Mesh, Shape
 from ...structs import PRIM_KINDS
-from ...support.compiled import compiled
-from ...support.loop_functions import add_scaled, cross, dot, exponent_of, times_power_of_two
 from ...support.memory import check_memory
+
+INSTANCES = Loops("world/instances")
 
 # Unit roundoffs of float32 and float64; and what stands for the latter where float64 decides: users round normals and
 # directions, and those of needles by more.
@@ -57,12 +59,34 @@ _LEAST_EXPONENT, _MOST_EXPONENT = -500, 500
 _TRIANGLES, _SPHERES = PRIM_KINDS["triangles"], PRIM_KINDS["spheres"]
 
 
-class SurfaceArrays(NamedTuple):
-    """What compiled functions need of a scene.
+class _SurfaceArrays(NamedTuple):
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    spheres: NDArray[np.float64]
+    margins: NDArray[np.float32]
+    kind: NDArray[np.int32]
+    first_vertex: NDArray[np.int64]
+    first_face: NDArray[np.int64]
+    first_sphere: NDArray[np.int64]
+    origin: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    half_size: NDArray[np.float64]
+    geometry_id: NDArray[np.int32]
+    linear: NDArray[np.float64]
+    offset: NDArray[np.float64]
+    inverse: NDArray[np.float64]
+    world_scale: NDArray[np.float64]
+    is_mirrored: NDArray[np.bool_]
+    is_lone: bool = False
+    rounding: float = FLOAT_ROUNDING
+
+
+class SurfaceArrays(_SurfaceArrays):
+    """What loops need of a scene.
 
     A hit of instance i is on the geometry ``g = geometry_id[i]``, whose primitive p is row ``first_face[g] + p`` of
     `faces`, or row ``first_sphere[g] + p`` of `spheres`. A point x of the geometry is at ``offset[i] + linear[i] @ x``
-    in the world; see `place_point`.
+    in the world.
 
     Attributes
     ----------
@@ -76,7 +100,7 @@ class SurfaceArrays(NamedTuple):
         The centre and the radius of all spheres of all geometries.
     margins : (F, 4) float32
         Of the faces: how close to an edge, and to a corner, of a face a start point may have another triangle beside
-        it, on the outer side and on the inner one; see hits/room.py, which writes it. 0: not known yet.
+        it, on the outer side and on the inner one; see cl/host/hits/room.cl, which writes it. 0: not known yet.
     kind : (G,) int32
         One of `structs.PRIM_KINDS` of each geometry.
     first_vertex, first_face, first_sphere : (G,) int64
@@ -111,25 +135,13 @@ class SurfaceArrays(NamedTuple):
         the shape, or, where it is smaller than `FLOAT_ROUNDING`, of the primitive.
     """
 
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int32]
-    spheres: NDArray[np.float64]
-    margins: NDArray[np.float32]
-    kind: NDArray[np.int32]
-    first_vertex: NDArray[np.int64]
-    first_face: NDArray[np.int64]
-    first_sphere: NDArray[np.int64]
-    origin: NDArray[np.float64]
-    scale: NDArray[np.float64]
-    half_size: NDArray[np.float64]
-    geometry_id: NDArray[np.int32]
-    linear: NDArray[np.float64]
-    offset: NDArray[np.float64]
-    inverse: NDArray[np.float64]
-    world_scale: NDArray[np.float64]
-    is_mirrored: NDArray[np.bool_]
-    is_lone: bool = False
-    rounding: float = FLOAT_ROUNDING
+    @cached_property
+    def addresses(self) -> NDArray[np.uint64]:
+        """(20,) uint64: the struct `surfaces_t` of cl/hits/surfaces.cl, for loops; valid as long as this lives."""
+        return pack_struct(*self, True)
+
+    def __getstate__(self) -> None:
+        """Leave the addresses out of copies."""
 
 
 _FIRST = np.zeros(1, np.int32)
@@ -233,52 +245,8 @@ def move_instances(arrays: SurfaceArrays, transforms: NDArray[np.float64]) -> Su
         is_mirrored=np.empty(len(linear), np.bool_),
         is_lone=False,
     )
-    _invert(linear, moved.inverse, moved.is_mirrored)
+    INSTANCES.invert(linear, moved.inverse, moved.is_mirrored)
     return moved
-
-
-@compiled(error_model="numpy")
-def _invert(matrices, inverses, is_negative):
-    """Write the inverses of matrices, and whether their determinants are below zero.
-
-    Rows and columns are scaled by powers of two first, which rounds nothing: then the products of a matrix that
-    stretches its axes by factors far apart neither underflow nor drown each other. One step of Newton's method removes
-    most of what the cofactors lose by cancellation. `numpy.linalg.inv` takes eight times as long.
-    """
-    matrix, rows, columns = np.empty((3, 3)), np.empty(3, np.int64), np.empty(3, np.int64)
-    for index in range(len(matrices)):
-        for row in range(3):
-            x, y, z = _row(matrices[index], row)
-            rows[row] = exponent_of(max(abs(x), abs(y), abs(z)))
-            for column in range(3):
-                matrix[row, column] = times_power_of_two(matrices[index, row, column], -rows[row])
-        for column in range(3):
-            columns[column] = exponent_of(max(abs(matrix[0, column]), abs(matrix[1, column]), abs(matrix[2, column])))
-            for row in range(3):
-                matrix[row, column] = times_power_of_two(matrix[row, column], -columns[column])
-        a, b, c = _row(matrix, 0), _row(matrix, 1), _row(matrix, 2)
-        x, y, z = cross(b, c), cross(c, a), cross(a, b)
-        determinant = dot(a, x)
-        is_negative[index] = determinant < 0.0
-        x, y, z = _divide(x, determinant), _divide(y, determinant), _divide(z, determinant)
-        for column, vector in enumerate((x, y, z)):
-            # A column of the identity less the product of the matrix and that of its inverse.
-            da = (1.0 if column == 0 else 0.0) - a[0] * vector[0] - a[1] * vector[1] - a[2] * vector[2]
-            db = (1.0 if column == 1 else 0.0) - b[0] * vector[0] - b[1] * vector[1] - b[2] * vector[2]
-            dc = (1.0 if column == 2 else 0.0) - c[0] * vector[0] - c[1] * vector[1] - c[2] * vector[2]
-            refined = add_scaled(add_scaled(add_scaled(vector, da, x), db, y), dc, z)
-            for row in range(3):
-                inverses[index, row, column] = times_power_of_two(refined[row], -columns[row] - rows[column])
-
-
-@compiled
-def _row(matrix, row):
-    return matrix[row, 0], matrix[row, 1], matrix[row, 2]
-
-
-@compiled(error_model="numpy")
-def _divide(vector, divisor):
-    return vector[0] / divisor, vector[1] / divisor, vector[2] / divisor
 
 
 def _half_sizes(shapes: Sequence[Shape], scales: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -298,36 +266,3 @@ def _first_rows(counts: list[int]) -> NDArray[np.int64]:
     """Return the sums of the counts before each one, 0 where the count is."""
     row_counts = np.array(counts, np.int64)
     return np.where(row_counts > 0, np.cumsum(row_counts) - row_counts, 0)
-
-
-@compiled(is_inlined=True)
-def multiply(matrices, index, vector):
-    """Return the product of one of some matrices and a vector.
-
-    Loops over hits look the matrices up once: to hand all arrays to a function for each hit takes longer.
-    """
-    x, y, z = vector
-    return (
-        matrices[index, 0, 0] * x + matrices[index, 0, 1] * y + matrices[index, 0, 2] * z,
-        matrices[index, 1, 0] * x + matrices[index, 1, 1] * y + matrices[index, 1, 2] * z,
-        matrices[index, 2, 0] * x + matrices[index, 2, 1] * y + matrices[index, 2, 2] * z,
-    )
-
-
-@compiled
-def place_point(arrays, instance, x, y, z):
-    """Return the world coordinates of a point of an instance's geometry; those of the object for the identity."""
-    x, y, z = multiply(arrays.linear, instance, (x, y, z))
-    return x + arrays.offset[instance, 0], y + arrays.offset[instance, 1], z + arrays.offset[instance, 2]
-
-
-@compiled
-def place_vector(arrays, instance, x, y, z):
-    """Return the difference of two points of an instance's geometry in world coordinates."""
-    return multiply(arrays.linear, instance, (x, y, z))
-
-
-@compiled
-def to_object(arrays, instance, x, y, z):
-    """Return a vector of the world in the coordinates of an instance's geometry."""
-    return multiply(arrays.inverse, instance, (x, y, z))

@@ -28,6 +28,10 @@ class TreeBox(NamedTuple):
     scale: float
     half: NDArray[np.float64]
 
+    def as_numbers(self) -> NDArray[np.float64]:
+        """Return (7,) float64, as kernels and loops read it, see cl/rays/pack.cl."""
+        return np.array([*self.centre, *self.half, self.scale])
+
     @classmethod
     def around(cls, bvh: Bvh) -> TreeBox:
         """Return the box around a tree."""

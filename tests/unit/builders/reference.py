@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from clbvh.builders.options import MAX_DEPTH
 from clbvh.builders.prim_refs import fill_slice
 from clbvh.geometry.corners import find_corners
-from clbvh.structs import BOX_LANES, NODE
+from clbvh.structs import BOX_LANES, MAX_DEPTH, NODE
 
 
 def make_prim_refs(mesh):

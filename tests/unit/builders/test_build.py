@@ -14,8 +14,9 @@ import pytest
 from clbvh import BuildOptions, ConfigError, Mesh, PoolError, SubtreePool, build, make_shape, sah_cost, validate_tree
 from clbvh.builders import build as build_module
 from clbvh.builders.build import BUILDERS, build_tree, leaf_limit, plan_tree, plan_trees
-from clbvh.builders.options import MAX_DEPTH, QUALITIES
+from clbvh.builders.options import QUALITIES
 from clbvh.geometry import joined_shapes
+from clbvh.structs import MAX_DEPTH
 
 from ...soup import make_soup
 from .shapes import SHAPES, copies, exponential, line, nested

@@ -6,18 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from numba import njit
 
 from clbvh import SubtreePool, build
 from clbvh.builders.executor import ThreadExecutor
 from clbvh.builders.ladder import steps
-from clbvh.builders.ladder.subtrees import (
-    COUNTER_WORDS,
-    NODE_BYTES,
-    WORDS,
-    Heap,
-    allocate_node,
-)
+from clbvh.builders.ladder.steps import COUNTER_WORDS, LINKED_NODE
 from clbvh.builders.processes.pool import open_executor
 
 from ...soup import make_soup
@@ -62,18 +55,6 @@ def test_the_frontier_is_the_size_of_the_leaves(mesh):
         assert bytes_of(stopped) == bytes_of(build(mesh, builder="flat", leaf_size=frontier))
 
 
-@njit(cache=True, nogil=True)
-def _allocate_many(heap, references):
-    for index in range(len(references)):
-        references[index] = allocate_node(heap)
-
-
-def allocate_many(arrays, count):
-    references = np.empty(count, np.int64)
-    _allocate_many(Heap(arrays["blocks"], arrays["counter"]), references)
-    return references
-
-
 # One of two workers may be done before the other begins, on a busy machine.
 ROUNDS = 20
 
@@ -82,17 +63,17 @@ ROUNDS = 20
 def test_workers_that_count_together_lose_no_number(kind, pool):
     count, end = 2_000_000, 2
     with ThreadExecutor(2) if kind == "threads" else open_executor(pool) as executor:
-        executor.create("blocks", (1, WORDS), np.int64)
+        executor.create("blocks", (1,), LINKED_NODE)
         counter = executor.create("counter", (COUNTER_WORDS,), np.int64)
         counter[:] = 0
-        executor.map(allocate_many, [(1,)] * 2)  # the compiled code is loaded
+        executor.map(steps.allocate_blocks, [(1,)] * 2)  # the library is loaded
         for _ in range(ROUNDS):
-            references = np.array(executor.map(allocate_many, [(count,)] * 2))
+            references = np.array(executor.map(steps.allocate_blocks, [(count,)] * 2))
             begin, end = end, end + 2 * count
             assert counter.tolist() == [end] + [0] * (COUNTER_WORDS - 1)
-            assert (np.sort(references, axis=None) == np.arange(begin, end) * NODE_BYTES).all()
+            assert (np.sort(references, axis=None) == np.arange(begin, end) * LINKED_NODE.itemsize).all()
             # Each of them got numbers from between the other's: both counted at the same time.
-            if (np.diff(references) > NODE_BYTES).any(axis=1).all():
+            if (np.diff(references) > LINKED_NODE.itemsize).any(axis=1).all():
                 break
         else:
             pytest.fail(f"in {ROUNDS} rounds the workers never counted at the same time")

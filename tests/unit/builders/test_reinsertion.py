@@ -7,20 +7,11 @@ import itertools
 import numpy as np
 import pytest
 
-from clbvh import Bvh, Mesh, build, sah_cost, validate_tree
+from clbvh import BuildOptions, Bvh, Mesh, build, sah_cost, validate_tree
 from clbvh.builders.reinsertion import build_high
-from clbvh.builders.reinsertion.expanded_tree import (
-    ROOT,
-    ExpandedTree,
-    choose_leaves,
-    collapse,
-    expand_leaves,
-    list_descendants,
-    sweep,
-)
-from clbvh.builders.reinsertion.reinsert import reinsert_below
+from clbvh.builders.reinsertion.build_high import REINSERTION, ROOT, ExpandedTree
 from clbvh.bvh.refit import fit_nodes
-from clbvh.structs import EXPANDED_FIRST, EXPANDED_PRIM_ID, NODE
+from clbvh.structs import BOX_TAG, BOX_TALLY, NODE
 
 from ...soup import make_soup
 from ..hand_made import make_mesh
@@ -28,35 +19,18 @@ from .reference import cost_of, make_prim_refs
 from .shapes import copies
 
 
-def expand(bvh):
-    """Return the expanded tree."""
-    count = bvh.mesh.face_count
-    boxes = np.zeros((2 * count, 8), np.float32)
-    tree = ExpandedTree(boxes, boxes.view(np.int32), np.zeros(count, np.int32))
-    nodes = bvh.nodes.view(np.float32).reshape(-1, 8)
-    expand_leaves(nodes, nodes.view(np.int32), bvh.prim_ids, make_prim_refs(bvh.mesh)[0][0], tree)
-    return tree
-
-
-def list_below(tree, top):
-    below = np.empty(len(tree.links), np.int32)
-    return below[: list_descendants(tree.links, top, below)]
-
-
 def list_all(tree):
-    return np.concatenate(([ROOT], list_below(tree, ROOT))).astype(np.int32)
+    return tree.list_nodes(np.empty(len(tree.boxes), np.int32))
 
 
-def collapse_marked(mesh, tree, is_leaf):
-    nodes, prim_ids = np.zeros_like(tree.boxes), np.empty(mesh.face_count, np.int32)
-    node_count = collapse(tree, is_leaf, nodes, nodes.view(np.int32), prim_ids)
-    return Bvh(nodes[:node_count].copy().view(NODE).reshape(-1), prim_ids, mesh)
+def reinsert(tree, *nodes):
+    return REINSERTION.reinsert_below(*tree, ROOT, np.array(nodes, np.int32))
 
 
 def collapse_best(mesh, tree, leaf_size=1, traversal_cost=1.0):
-    is_leaf = np.empty(len(tree.boxes), np.bool_)
-    depth = choose_leaves(tree, leaf_size, traversal_cost, list_all(tree), is_leaf)
-    bvh = collapse_marked(mesh, tree, is_leaf)
+    options = BuildOptions(leaf_size=leaf_size, traversal_cost=traversal_cost)
+    depth, is_leaf = tree.choose_leaves(list_all(tree), options)
+    bvh = tree.collapse(is_leaf, mesh)
     assert bvh.depth == depth
     validate_tree(bvh, max_leaf_size=leaf_size)
     return bvh
@@ -66,16 +40,16 @@ def assert_linked(tree):
     """Every node but the unused one is below the root once, and knows its parent."""
     order = list_all(tree)
     assert sorted(order.tolist()) == list(range(1, len(tree.boxes)))
-    children = tree.links[order, EXPANDED_FIRST]
+    children = tree.links[order, BOX_TAG]
     assert (tree.parents[children[children != 0] >> 1] == order[children != 0]).all()
-    assert sorted(tree.links[order[children == 0], EXPANDED_PRIM_ID].tolist()) == list(range(len(tree.parents)))
+    assert sorted(tree.links[order[children == 0], BOX_TALLY].tolist()) == list(range(len(tree.parents)))
 
 
 def test_a_sweep_finds_the_cheapest_split_and_the_most_even_of_equal_ones():
     for mesh in (*(make_soup(count, seed=5, grid=40) for count in (2, 3, 9, 255)), copies(64)):
         rows, count = make_prim_refs(mesh)[0][0], mesh.face_count
         prims = np.arange(count, dtype=np.int32)
-        left = sweep(prims, rows, np.empty((3, count), np.int32), np.empty(count))
+        left = REINSERTION.sweep(prims, rows)
         costs = [
             cost_of(order[:cut]) + cost_of(order[cut:])
             for axis in range(3)
@@ -92,12 +66,12 @@ def test_neighbours_that_were_parted_find_each_other():
     # Four triangles in a row as (0, (1, 3)), 2: 3 belongs to 2.
     nodes, prim_ids, mesh = np.zeros(7, NODE), np.array([0, 1, 3, 2], np.int32), make_mesh()
     nodes["first"], nodes["count"] = [1, 3, 3, 0, 5, 1, 2], [0, 0, 1, 1, 0, 1, 1]
-    tree = expand(Bvh(fit_nodes(nodes["first"], nodes["count"], prim_ids, mesh), prim_ids, mesh))
-    below = list_below(tree, ROOT)
-    leaf_of = {tree.links[node, EXPANDED_PRIM_ID]: node for node in below if tree.links[node, EXPANDED_FIRST] == 0}
+    tree = ExpandedTree.of(Bvh(fit_nodes(nodes["first"], nodes["count"], prim_ids, mesh), prim_ids, mesh))
+    below = list_all(tree)[1:]
+    leaf_of = {tree.links[node, BOX_TALLY]: node for node in below if tree.links[node, BOX_TAG] == 0}
     # 2 would move to 3, but the root would go with it.
-    assert reinsert_below(tree, ROOT, np.array([leaf_of[2]], np.int32)) == 0
-    assert reinsert_below(tree, ROOT, np.array([leaf_of[3]], np.int32)) == 1
+    assert reinsert(tree, leaf_of[2]) == 0
+    assert reinsert(tree, leaf_of[3]) == 1
     assert_linked(tree)
     bvh = collapse_best(mesh, tree)
     assert sorted(sorted(bvh.prim_ids[begin : begin + 2]) for begin in (0, 2)) == [[0, 1], [2, 3]]
@@ -106,10 +80,10 @@ def test_neighbours_that_were_parted_find_each_other():
 
 def test_every_move_lowers_the_cost():
     mesh = make_soup(600, seed=0, grid=100, size=60)
-    tree = expand(build(mesh, bins=2, leaf_size=1))
+    tree = ExpandedTree.of(build(mesh, bins=2, leaf_size=1))
     before = sah_cost(collapse_best(mesh, tree))
-    for node in list_below(tree, ROOT):
-        moves = reinsert_below(tree, ROOT, np.array([node], np.int32))
+    for node in list_all(tree)[1:]:
+        moves = reinsert(tree, node)
         after = sah_cost(collapse_best(mesh, tree))
         assert after < before if moves else after == before
         before = after
@@ -119,15 +93,15 @@ def test_every_move_lowers_the_cost():
 @pytest.mark.parametrize(("leaf_size", "traversal_cost"), [(2, 1.0), (4, 0.3), (4, 4.0)])
 def test_the_leaves_are_the_cheapest_of_all(leaf_size, traversal_cost):
     mesh = make_soup(9, seed=7, grid=10, size=12)
-    tree = expand(build(mesh, leaf_size=1))
+    tree = ExpandedTree.of(build(mesh, leaf_size=1))
     best = sah_cost(collapse_best(mesh, tree, leaf_size, traversal_cost), traversal_cost=traversal_cost)
     # All ways to make leaves of some interior nodes.
-    interior = [node for node in list_all(tree) if tree.links[node, EXPANDED_FIRST] != 0]
+    interior = [node for node in list_all(tree) if tree.links[node, BOX_TAG] != 0]
     costs = []
     for chosen in itertools.product([False, True], repeat=len(interior)):
-        is_leaf = tree.links[:, EXPANDED_FIRST] == 0
+        is_leaf = tree.links[:, BOX_TAG] == 0
         is_leaf[interior] = chosen
-        bvh = collapse_marked(mesh, tree, is_leaf)
+        bvh = tree.collapse(is_leaf, mesh)
         if bvh.nodes["count"].max() <= leaf_size:
             costs.append(sah_cost(bvh, traversal_cost=traversal_cost))
     assert best == pytest.approx(min(costs))
@@ -136,7 +110,7 @@ def test_the_leaves_are_the_cheapest_of_all(leaf_size, traversal_cost):
 def test_of_equal_costs_the_leaf_is_taken():
     """Boxes without area cost nothing, however they are divided."""
     mesh = Mesh.from_arrays([[x, 0, 0] for x in range(12)], np.arange(12).reshape(-1, 3))
-    tree = expand(build(mesh, leaf_size=1))
+    tree = ExpandedTree.of(build(mesh, leaf_size=1))
     assert collapse_best(mesh, tree, 4, 1.0).nodes["count"].tolist() == [4]
 
 

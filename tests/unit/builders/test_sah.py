@@ -7,7 +7,7 @@ import pytest
 
 from clbvh import build
 from clbvh.builders.sah import top
-from clbvh.builders.sah.split import Slice, Split, partition
+from clbvh.device.host.loops import Loops
 from clbvh.structs import BOX_LANES
 
 from ...soup import make_soup
@@ -27,12 +27,15 @@ def test_the_tree_is_that_of_the_plain_builder(bins, leaf_size, traversal_cost):
 
 def test_a_partition_keeps_the_order_on_both_sides_and_bounds_their_centroids():
     prim_refs, bounds = make_prim_refs(make_soup(100, seed=1, grid=20, copies=0.2))
-    rows, target, gap = prim_refs[0], np.zeros((130, BOX_LANES), np.float32), np.zeros((30, BOX_LANES), np.float32)
+    buffers, gap = np.zeros((2, 130, BOX_LANES), np.float32), np.zeros((30, BOX_LANES), np.float32)
+    rows = buffers[0, :100] = prim_refs[0]
     goes_left = bins_of(rows, 8)[:, 1] <= 3
-    centroid_boxes = np.zeros((2, BOX_LANES), np.float32)
-    part = Slice(0, 100, 0, int(goes_left.sum()) + 30)
-    partition(rows, target, part, bounds, Split(0.0, 1, 3, 0, 8), centroid_boxes)
-    assert target.tobytes() == np.concatenate([rows[goes_left], gap, rows[~goes_left]]).tobytes()
+    # One node in one slice, split behind the fourth of eight bins along y.
+    left_count, centroid_boxes = int(goes_left.sum()), np.zeros((2, BOX_LANES), np.float32)
+    node, split = np.array([[0, 100, 0]]), np.array([[1, 3, left_count, 8]], np.int32)
+    targets = np.array([[0, left_count + 30]])
+    Loops("builders/top").partition_slices(130, buffers, node, bounds, split, 1, 0, targets, centroid_boxes)
+    assert buffers[1].tobytes() == np.concatenate([rows[goes_left], gap, rows[~goes_left]]).tobytes()
     for box, side in zip(centroid_boxes, (rows[goes_left], rows[~goes_left]), strict=True):
         centroids = side[:, :3] - side[:, 4:7]
         assert (box[:3] == centroids.min(axis=0)).all()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, MeshError, ValidationError, build, validate_tree
-from clbvh.bvh.bvh import measure_depth
+from clbvh.bvh.bvh import find_depths
 from clbvh.structs import NODE
 
 from ..hand_made import FACE_COUNT, make_leaf, make_tree
@@ -17,13 +17,16 @@ from ..hand_made import FACE_COUNT, make_leaf, make_tree
 def test_a_tree_says_its_size_and_depth():
     bvh = make_tree()
     assert (bvh.node_count, bvh.depth, make_leaf().depth) == (5, 2, 0)
-    # The deepest leaf counts and not the last: nodes 5 and 6 have depth 3, nodes 7 and 8 depth 2.
-    assert measure_depth(np.int32([1, 3, 7, 5, 0, 1, 2, 3, 4]), np.int32([0, 0, 0, 0, 1, 1, 1, 1, 1])) == 3
+    nodes = np.zeros(9, NODE)
+    nodes["first"], nodes["count"] = [1, 3, 7, 5, 0, 1, 2, 3, 4], [0, 0, 0, 0, 1, 1, 1, 1, 1]
+    assert find_depths(nodes).tolist() == [0, 1, 1, 2, 2, 3, 3, 2, 2]
+    # The deepest leaf counts and not the last.
+    assert dataclasses.replace(bvh, nodes=nodes).depth == 3
     # Every left child is a leaf: as deep as a tree can be.
     levels = 100_000
-    first, count = np.zeros((2, 2 * levels + 1), np.int32)
-    first[0:-1:2], count[1::2], count[-1] = np.arange(1, 2 * levels, 2), 1, 1
-    assert measure_depth(first, count) == levels
+    nodes = np.zeros(2 * levels + 1, NODE)
+    nodes["first"][0:-1:2], nodes["count"][1::2], nodes["count"][-1] = np.arange(1, 2 * levels, 2), 1, 1
+    assert find_depths(nodes)[-1] == levels
 
 
 def refusal(bvh, **limits):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh import DeviceMemoryError, InternalError, Tracer
+from clbvh.device.host import compile, library
 from clbvh.device.open import open_device
 
 from ...packing import device_packs
@@ -66,7 +67,7 @@ def test_what_a_kernel_cannot_be_given_is_refused(host, scale_rows):
             host.run(scale_rows, (16,), (16,), **good | wrong)
     with pytest.raises(InternalError, match="missing or unknown are count"):
         host.run(scale_rows, (16,), (16,), x=buffer, factor=np.float32(1))
-    with pytest.raises(InternalError, match=r"has no kernel v?\w+_closest_hit_.*: see host/variants\.py"):
+    with pytest.raises(InternalError, match=r"has no entry v?\w+_closest_hit_.*: see host/variants\.py"):
         host.kernel("closest_hit", {"NONE": 1})
 
 
@@ -99,3 +100,17 @@ def test_hits_that_stay_on_the_device_are_arrays_of_numpy(world, way):
         assert isinstance(found, np.ndarray)
         np.testing.assert_array_equal(found, getattr(expected, name), name)
     np.testing.assert_array_equal(hits.is_front, expected.is_front)
+
+
+def test_a_library_of_other_sources_is_replaced_before_it_is_loaded(tmp_path, monkeypatch):
+    good = library.library_path().read_bytes()
+    path, digest = tmp_path / "host.so", compile.find_digest().encode()
+    path.write_bytes(good.replace(digest, b"0" * len(digest)))
+    monkeypatch.setattr(library, "library_path", lambda: path)
+
+    def build(target, *_):
+        (tmp_path / "new.so").write_bytes(good)
+        (tmp_path / "new.so").replace(target)
+
+    monkeypatch.setattr(compile, "build_library", build)
+    assert library.open_library().digest.encode() == digest

@@ -1,0 +1,54 @@
+// Refines the closest hits of rays, for clbvh/trace/hits/refine.py.
+
+#define HAS_SPHERES 1
+#include "structs.cl"
+#include "hits/found.cl"
+#include "hits/refine.cl"
+#include "hits/surfaces.cl"
+#include "rays/arrays.cl"
+#include "rays/rows.cl"
+
+// How many hits ahead corners are asked for, and faces.
+#define CORNERS_AHEAD 12
+#define PRIMS_AHEAD 24
+
+// Writes one hit for each ray; see hits/refine.cl.
+//
+// arrays              `SurfaceArrays.addresses`
+// origins, ..., each_limit    see cl/rays/rows.cl
+// found, found_in_world    one of both
+// t[], ..., instance_id[]  written; the last of worlds with instances alone
+loop void refine_closest(
+    const ulong *arrays, const void *origins, const long origin_step, const void *directions, const long direction_step,
+    const int doubles, const double *t_mins, const double *t_maxs, const int each_limit, const hit_t *found,
+    const world_hit_t *found_in_world, const long count, double *t, double *u, double *v, bool *is_front, int *prim_id,
+    int *instance_id)
+{
+    const surfaces_t surfaces = surfaces_on_host(arrays);
+    const ray_rows_t rays = {origins, directions, origin_step, direction_step, doubles, t_mins, t_maxs, each_limit};
+    const found_hits_t hits = {found, found_in_world};
+    for (long index = 0; index < count; index++) {
+        if (index + PRIMS_AHEAD < count) {
+            will_read_prim(&surfaces, &hits, index + PRIMS_AHEAD);
+        }
+        if (index + CORNERS_AHEAD < count) {
+            will_read_corners(&surfaces, &hits, index + CORNERS_AHEAD);
+        }
+        const int prim = prim_of(&hits, index);
+        refined_hit_t hit = {INFINITY, 0.0, 0.0, 0.0};
+        int instance = NO_PRIM;
+        if (prim != NO_PRIM) {
+            const wide_ray_t ray = read_ray(&rays, index);
+            instance = instance_of(&hits, index);
+            hit = refine_hit(&surfaces, &ray, instance, prim, is_leaving(&hits, index));
+        }
+        t[index] = hit.t;
+        u[index] = hit.u;
+        v[index] = hit.v;
+        is_front[index] = hit.side > 0.0;
+        prim_id[index] = prim;
+        if (found_in_world) {
+            instance_id[index] = instance;
+        }
+    }
+}
