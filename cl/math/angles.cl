@@ -10,21 +10,6 @@
 #define PI_LOW 1.2246467991473532e-16
 #define PI_HIGH 3.141592653589793
 
-// The upper half of the digits of a number.
-INLINED double upper_half(const double x)
-{
-    return as_double(as_long(x) & ~0x7ffffffL);
-}
-
-// What rounding has left off a product (Dekker, "A floating-point technique for extending the available precision",
-// 1971).
-INLINED double rest_of_product(const double a, const double b, const double product)
-{
-    const double high_a = upper_half(a), high_b = upper_half(b);
-    const double low_a = a - high_a, low_b = b - high_b;
-    return ((high_a * high_b - product) + high_a * low_b + low_a * high_b) + low_a * low_b;
-}
-
 // A number and what its rounding has left off, subtracted from a larger one.
 INLINED double2 subtract_pair(const double high, const double low, const double2 pair)
 {
@@ -58,14 +43,11 @@ INLINED double2 angle_of_quotient(const double a, const double b)
     // By arctan(a / b) = arctan(c) + arctan((a - c b) / (b + c a)).
     const int nearest = (int)(PARTS * (a / b) + 0.5);
     const double c = nearest / PARTS;
-    const double high_b = upper_half(b);
-    const double without_low = a - c * high_b, of_low = c * (b - high_b);
-    const double above = without_low - of_low, above_rest = (without_low - above) - of_low;
-    const double below = b + c * a, below_rest = (b - below) + c * a;
+    // Exact: the difference is small, and c has four digits.
+    const double above = fma(-c, b, a);
+    const double below = fma(c, a, b), below_rest = fma(c, a, b - below);
     const double r = above / below;
-    const double product = r * below;
-    const double r_rest =
-        ((above - product) - rest_of_product(r, below, product) + (above_rest - r * below_rest)) / below;
+    const double r_rest = (fma(-r, below, above) - r * below_rest) / below;
     const double t = r * r;
     const double series = t * (-1.0 / 3.0 + t * (0.2 + t * (-1.0 / 7.0 + t * (1.0 / 9.0 + t * (-1.0 / 11.0)))));
     const double high = angles[nearest][0] + r;
@@ -96,7 +78,7 @@ INLINED double move_on(const double2 value, const double2 slope, const double r,
 {
     const double step = slope.x * r;
     const double high = value.x + step;
-    const double rest = rest_of_product(slope.x, r, step) + (value.y + slope.y * r);
+    const double rest = fma(slope.x, r, -step) + (value.y + slope.y * r);
     return high + (((value.x - high) + step) + (rest + (value.x * cosine + slope.x * sine)));
 }
 
