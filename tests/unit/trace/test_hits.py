@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clbvh import ConfigError, Hits, Mesh, QueryError
+from clbvh import ConfigError, Hits, Mesh, QueryError, Scene
 from clbvh.integrations.trimesh.ray import order_by_depth
 from clbvh.structs import HIT
 from clbvh.trace.hits import all_hits as module, interpolate as interpolate_module
@@ -124,6 +124,16 @@ def test_hits_are_of_the_ray_as_given(tracer, rays):
     assert np.quantile(np.linalg.norm(on_ray - hits.locations[found], axis=1), 0.99) < 1e-13
 
 
+@pytest.mark.parametrize("transform", [np.diag([1, -2, 1, 1]), np.diag([-1, -1, 3, 1])], ids=["mirror", "turn"])
+def test_the_side_of_a_hit_is_that_of_its_normal(open_tracer, mesh, rays, transform):
+    scene = Scene()
+    scene.place(scene.add(mesh), transform)
+    hits = open_tracer(scene).all_hits(*rays)
+    is_against = (hits.normals * rays[1][hits.ray_id]).sum(axis=1) < 0
+    assert 0.2 < is_against.mean() < 0.8
+    assert (hits.is_front == is_against).mean() > 0.999
+
+
 def test_a_hit_beside_its_triangle_moves_onto_it():
     """To (u, v) of its nearest point, from points in the plane: inside, beside each edge, and behind each corner."""
     mesh = Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]])
@@ -139,6 +149,21 @@ def test_a_hit_beside_its_triangle_moves_onto_it():
             np.testing.assert_allclose([hits.u[0], hits.v[0]], [u, v], rtol=0, atol=1e-9, err_msg=f"{x}, {y}")
             assert min(hits.u[0], hits.v[0], 1 - hits.u[0] - hits.v[0]) >= 0
             assert hits.t[0] == pytest.approx(3 / length)
+
+
+def test_a_ray_in_the_plane_of_its_triangle_is_hit_where_it_passes():
+    """Where rounding alone says from which side: quotients of such numbers are noise."""
+    generator, count = np.random.default_rng(7), 1000
+    corners = generator.normal(size=(count, 3, 3))
+    starts, targets = np.einsum("inc,ncx->inx", generator.dirichlet([1, 1, 1], (2, count)), corners)
+    rays, _ = read_rays(starts, targets - starts, 0.0, np.inf)
+    mesh = Mesh.from_arrays(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+    found, hits = np.zeros(count, HIT), RefinedHits.make(count)
+    found["prim_id"] = np.arange(count)
+    refine_closest(rays.part(0, count), lone_arrays(mesh), found, hits)
+    shares = np.stack((1 - hits.u - hits.v, hits.u, hits.v), axis=1)
+    away = np.einsum("nc,ncx->nx", shares, corners) - starts - hits.t[:, None] * (targets - starts)
+    assert np.linalg.norm(away, axis=1).max() < 1e-9
 
 
 def interpolate_by_hand(hits, mesh, values):
