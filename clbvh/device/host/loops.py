@@ -13,9 +13,9 @@ from __future__ import annotations
 import ctypes
 import math
 import re
-from functools import cache
-from types import CodeType
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,70 +68,51 @@ class Loops:
     def __init__(self, name: str) -> None:
         self._name = name
 
-    def __getattr__(self, name: str) -> Loop:
+    def __getattr__(self, name: str) -> Callable[..., Any]:
         path = f"host/{self._name}.cl"
         declared = find_loops((find_folder("cl") / path).read_text(encoding="utf-8"))
         if name not in declared:
             raise AttributeError(f"cl/{path} has no loop '{name}'")
-        loop = Loop(name, *declared[name], open_library().loop(self._name, name))
+        loop = make_loop(name, *declared[name], open_library().loop(self._name, name))
         setattr(self, name, loop)
         return loop
 
 
-class Loop:
-    """A function of the library.
+def make_loop(name: str, result: str, parameters: str, function: Any) -> Callable[..., Any]:
+    """Return a Python function that checks its arguments and calls a function of the library.
+
+    It raises `InternalError` for an array of another dtype, length or alignment, for one that is not contiguous, and
+    for one that is to be written and cannot be.
 
     Parameters
     ----------
     name : str
     result, parameters : str
-        Of its declaration.
+        Of the loop's declaration.
     function : function of the library
-
-    Raises
-    ------
-    InternalError
-        When it is called: the number of arguments, the dtype, length or alignment of an array; or one that is not
-        contiguous, or not writable where it is to be written.
     """
+    declared = [_read_parameter(each) for each in parameters.split(",")]
+    function.argtypes = [each.type for each in declared]
+    function.restype = None if result == "void" else _NUMBERS[result][1]
+    names, arrays = [each.name for each in declared], [each for each in declared if isinstance(each, _Array)]
+    # The array that tells each length.
+    tellers = {each.size: each for each in reversed(arrays) if each.size in names}
 
-    def __init__(self, name: str, result: str, parameters: str, function: Any) -> None:
-        self._name, self._function = name, function
-        declared = [_read_parameter(each) for each in parameters.split(",")]
-        self._names = [each.name for each in declared]
-        self._arrays = [each for each in declared if isinstance(each, _Array)]
-        # The array that tells each length, and the numbers in a row of it.
-        tellers = {each.size: each for each in reversed(self._arrays) if each.size in self._names}
-        self._tellers = [(length, array.name, array.row.size) for length, array in tellers.items()]
-        self._passed = [name for name in self._names if name not in tellers]
-        function.argtypes = [each.type for each in declared]
-        function.restype = None if result == "void" else _NUMBERS[result][1]
+    # A text of its own, since every call passes here: a loop over the parameters takes three times as long.
+    text = [f"def {name}({', '.join(each for each in names if each not in tellers)}):"]
+    text += [f"    {length} = getattr({each.name}, 'size', 0) // {each.row.size}" for length, each in tellers.items()]
+    text += [f"    {each.name}_address = {each.as_check()}" for each in arrays]
+    text.append(f"    return function({', '.join(f'{each.name}{each.suffix}' for each in declared)})")
+    scope: dict[str, Any] = {f"{each.name}_dtype": each.row.dtype for each in arrays}
+    scope |= {"ndarray": np.ndarray, "find_address": _find_address, "refuse": partial(_refuse, name)}
+    scope["function"] = function
+    exec("\n".join(text), scope)
+    return scope[name]
 
-    def __call__(self, *arguments: Any) -> Any:
-        """Return what it returns, once it has run."""
-        if len(arguments) != len(self._passed):
-            raise InternalError(f"the loop '{self._name}' takes {len(self._passed)} arguments, not {len(arguments)}")
-        values = dict(zip(self._passed, arguments, strict=True))
-        for length, name, row_size in self._tellers:
-            values[length] = getattr(values[name], "size", 0) // row_size
-        # Written out for speed: a call with one ray spends a tenth of its time here.
-        for name, (dtype, row_size, alignment), size, is_const, _ in self._arrays:
-            array = values[name]
-            if array is None and not size:
-                continue
-            wrong = ""
-            if not isinstance(array, np.ndarray) or (dtype is not None and array.dtype != dtype):
-                wrong = f"no array of {dtype}"
-            elif size and array.size != _count(size, values) * row_size:
-                wrong = f"{array.size} numbers, not {size} times {row_size}"
-            elif not (flags := array.flags).c_contiguous or not (is_const or flags.writeable):
-                wrong = "not contiguous, or not writable"
-            elif (address := _read_address(id(array) + _HEAD_BYTES).value) % alignment:
-                wrong = "not aligned"
-            if wrong:
-                raise InternalError(f"the loop '{self._name}' does not take its '{name}': {wrong}")
-            values[name] = address
-        return self._function(*[values[name] for name in self._names])
+
+def _refuse(loop: str, name: str, array: Any, wanted: str) -> NoReturn:
+    found = f"{array.dtype}, {array.size} items" if isinstance(array, np.ndarray) else type(array).__name__
+    raise InternalError(f"the loop '{loop}' does not take its '{name}': {found}, where {wanted} are wanted")
 
 
 # By numpy's C interface, an array begins as every object does, and then comes the address of its items. It is read from
@@ -140,13 +121,8 @@ _HEAD_BYTES = object.__basicsize__
 _read_address = ctypes.c_size_t.from_address
 
 
-def _count(size: str, values: dict[str, Any]) -> int:
-    return int(values[size] if size in values else eval(_compile(size), {}, values))
-
-
-@cache
-def _compile(size: str) -> CodeType:
-    return compile(size, "<size>", "eval")
+def _find_address(array: NDArray[Any]) -> int:
+    return _read_address(id(array) + _HEAD_BYTES).value
 
 
 def pack_struct(*fields: NDArray[Any] | float) -> NDArray[np.uint64]:
@@ -159,14 +135,15 @@ def _pack_field(field: Any) -> Any:
         return np.float64(field).view(np.uint64) if isinstance(field, float) else field
     if not field.flags.c_contiguous:
         raise InternalError(f"an array of {field.shape} in a struct is not contiguous")
-    return _read_address(id(field) + _HEAD_BYTES).value
+    return _find_address(field)
 
 
-class _Parameter(NamedTuple):
-    """A number."""
+class _Number(NamedTuple):
+    """A number, which is passed as it is."""
 
     name: str
     type: Any
+    suffix: str = ""
 
 
 class _Array(NamedTuple):
@@ -187,15 +164,28 @@ class _Array(NamedTuple):
     size: str
     is_const: bool
     type: Any = ctypes.c_void_p
+    suffix: str = "_address"
+
+    def as_check(self) -> str:
+        """Return the text of an expression that is the array's address, or refuses it."""
+        tests = [f"isinstance({self.name}, ndarray)"]
+        tests += [] if self.row.dtype is None else [f"{self.name}.dtype == {self.name}_dtype"]
+        tests += [f"{self.name}.size == ({self.size}) * {self.row.size}"] if self.size else []
+        tests += [f"(flags := {self.name}.flags).c_contiguous", *([] if self.is_const else ["flags.writeable"])]
+        tests.append(f"not (address := find_address({self.name})) % {self.row.alignment}")
+        wanted = f"contiguous, aligned {'' if self.is_const else 'and writable '}{self.row.dtype or 'items'}"
+        wanted += f", {self.size} times {self.row.size}," if self.size else ""
+        checked = f"address if {' and '.join(tests)} else refuse({self.name!r}, {self.name}, {wanted!r})"
+        return checked if self.size else f"None if {self.name} is None else {checked}"
 
 
-def _read_parameter(declaration: str) -> _Parameter | _Array:
+def _read_parameter(declaration: str) -> _Number | _Array:
     found = _PARAMETER.fullmatch(" ".join(declaration.split()))
     if found is None or found[2] not in _ROWS:
         raise InternalError(f"a loop declares '{declaration}'")
     const, kind, star, name, dimensions = found.groups()
     if not star and not dimensions:
-        return _Parameter(name, _NUMBERS[kind][1])
+        return _Number(name, _NUMBERS[kind][1])
     size, *others = _DIMENSION.findall(dimensions) or [""]
     row = _ROWS[kind]
     count = math.prod(int(each) if each.isdecimal() else int(DEVICE_CONSTANTS[each]) for each in others)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clbvh.device.host.loops import Loop, Loops
+from clbvh.device.host.loops import Loops
 from clbvh.device.host.variants import list_loop_files
 from clbvh.device.sources import find_loops
 from clbvh.errors import InternalError
@@ -42,12 +42,12 @@ def test_lengths_are_those_of_the_arrays():
     ],
 )
 def test_other_arrays_are_refused(name, array):
-    with pytest.raises(InternalError, match="find_sizes"):
+    with pytest.raises(InternalError, match="the loop 'find_sizes' does not take its"):
         FACES.find_sizes(*arguments(**{name: array}))
 
 
 def test_missing_arguments_and_unknown_loops_are_refused():
-    with pytest.raises(InternalError, match="3 arguments, not 2"):
+    with pytest.raises(TypeError, match=r"find_sizes\(\) missing 1 required positional argument: 'sizes'"):
         FACES.find_sizes(*arguments()[:2])
     with pytest.raises(AttributeError, match=r"cl/host/geometry/faces.cl has no loop 'find_size'"):
         FACES.find_size()
@@ -60,4 +60,4 @@ def test_all_declarations_can_be_read():
         loops = find_loops((find_folder("cl") / "host" / f"{name}.cl").read_text())
         assert loops, name
         for loop in loops:
-            assert isinstance(getattr(Loops(name), loop), Loop)
+            assert callable(getattr(Loops(name), loop))
