@@ -573,6 +573,7 @@ def c_declarations() -> str:
     """
     lines = [f"#define {name} ({value})" for name, value in DEVICE_CONSTANTS.items()]
     lines += [f"#ifndef {name}\n#define {name} {value}\n#endif" for name, value in _DEFAULT_MACROS.items()]
+    lines.append("#ifndef ALIGNED\n#define ALIGNED(bytes) __attribute__((aligned(bytes)))\n#endif")
     for name, dtype in DEVICE_STRUCTS.items():
         lines += _c_struct(name, dtype)
     lines += ["#if EXACT", "#pragma OPENCL EXTENSION cl_khr_fp64 : enable", "typedef double exact_real_t;"]
@@ -588,17 +589,14 @@ def _c_struct(name: str, dtype: np.dtype) -> list[str]:
     return [f"typedef struct {_c_alignment(dtype)}{{", *fields, f"}} {name};"]
 
 
-def alignment_of(struct: np.dtype) -> int:
-    """Return how structs in a buffer are aligned, in bytes; it divides their size, so it adds no padding.
-
-    Compilers for NVIDIA's GPUs join loads of neighbouring fields only where they know the alignment.
-    """
-    return math.gcd(struct.itemsize, _LARGEST_ALIGNMENT)
-
-
 def _c_alignment(struct: np.dtype) -> str:
-    alignment = alignment_of(struct)
-    return f"__attribute__((aligned({alignment}))) " if alignment > _LANE_BYTES else ""
+    """Return the attribute that says how structs in a buffer are aligned; it divides their size, so it adds no padding.
+
+    Compilers for NVIDIA's GPUs join loads of neighbouring fields only where they know the alignment. In the arrays of
+    the host's loops, which may come from anywhere, there is none, see cl/host/loops.cl.
+    """
+    alignment = math.gcd(struct.itemsize, _LARGEST_ALIGNMENT)
+    return f"ALIGNED({alignment}) " if alignment > _LANE_BYTES else ""
 
 
 def _c_field(struct: np.dtype, name: str) -> str:

@@ -10,8 +10,8 @@
 
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 
-// In arrays of floats, which are aligned as such.
-typedef float box_row_t __attribute__((ext_vector_type(8), aligned(4)));
+// In arrays of floats.
+typedef float box_row_t __attribute__((ext_vector_type(8), aligned(1)));
 
 // The neutral element of `unite`; its tally is 0.
 #define EMPTY_ROW (float8)(INFINITY, INFINITY, INFINITY, INFINITY, INFINITY, INFINITY, INFINITY, 0.0f)

@@ -3,6 +3,10 @@
 // A function that Python calls, see clbvh/device/host/loops.py.
 #define loop static
 
+// The arrays of loops need no alignment: they may be parts of a pickle, or of a file in memory. The option
+// `-fmax-type-align=1` says the same of numbers.
+#define ALIGNED(bytes)
+
 LEAST_AND_MOST(uint)
 LEAST_AND_MOST(ulong)
 LEAST_AND_MOST(double)

@@ -17,11 +17,14 @@ typedef struct {
     int count;  // 0 in an interior node
 } linked_node_t;
 
+// Undivided steps need an aligned number.
+typedef long counter_t __attribute__((aligned(8)));
+
 // Where nodes come from: the process's own heap, one `malloc` each, if `blocks` is null; or those blocks, by an atomic
 // counter that all workers share.
 typedef struct {
     linked_node_t *blocks;
-    long *counter;
+    counter_t *counter;
 } heap_t;
 
 INLINED linked_node_t *allocate_node(const heap_t *heap)

@@ -254,7 +254,7 @@ def _loops_unit(name: str, level: str) -> _Unit:
         entry, passed = f"{level}_{loop_entry(name, loop)}", ", ".join(_PARAMETER_NAME.findall(parameters))
         call = f"{'' if result == 'void' else 'return '}{loop}({passed});"
         texts.append(f"extern {_VISIBLE} {result} {entry}({parameters}) {{ {call} }}\n")
-    options = *_OPTIONS, *_target_options(LEVELS[machine()][level])
+    options = *_OPTIONS, "-fmax-type-align=1", *_target_options(LEVELS[machine()][level])
     return _Unit(options, expand_shipped(_BUILTINS) + expand_shipped(_LOOP_BUILTINS) + source + "".join(texts), ".cl")
 
 

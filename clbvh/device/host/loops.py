@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InternalError
-from ...structs import BOX_LANES, DEVICE_CONSTANTS, DEVICE_STRUCTS, EXACT_STRUCTS, alignment_of
+from ...structs import BOX_LANES, DEVICE_CONSTANTS, DEVICE_STRUCTS, EXACT_STRUCTS
 from ...support.folders import find_folder
 from ..sources import find_loops
 from .library import open_library
@@ -40,17 +40,15 @@ _NUMBERS: dict[str, tuple[Any, Any]] = {
 
 
 class _Row(NamedTuple):
-    """What C takes for one thing: numpy's dtype, if any will not do, how many of it, and the alignment in bytes."""
+    """What C takes for one thing: numpy's dtype, if any will not do, and how many of it."""
 
     dtype: np.dtype[Any] | None
-    size: int
-    alignment: int
+    size: int = 1
 
 
-_ROWS = {name: _Row(np.dtype(dtype), 1, np.dtype(dtype).itemsize) for name, (dtype, _) in _NUMBERS.items()}
-_ROWS |= {name: _Row(dtype, 1, alignment_of(dtype)) for name, dtype in (DEVICE_STRUCTS | EXACT_STRUCTS).items()}
-_ROWS["void"] = _Row(None, 1, 1)
-_ROWS["box_row_t"] = _Row(np.dtype(np.float32), BOX_LANES, np.dtype(np.float32).itemsize)
+_ROWS = {name: _Row(np.dtype(dtype)) for name, (dtype, _) in _NUMBERS.items()}
+_ROWS |= {name: _Row(dtype) for name, dtype in (DEVICE_STRUCTS | EXACT_STRUCTS).items()}
+_ROWS |= {"void": _Row(None), "box_row_t": _Row(np.dtype(np.float32), BOX_LANES)}
 
 _PARAMETER = re.compile(r"(const )?(\w+) (\*?)(?:restrict )?(\w+)((?:\[[^\]]+\])*)")
 _DIMENSION = re.compile(r"\[([^\]]+)\]")
@@ -81,8 +79,8 @@ class Loops:
 def make_loop(name: str, result: str, parameters: str, function: Any) -> Callable[..., Any]:
     """Return a Python function that checks its arguments and calls a function of the library.
 
-    It raises `InternalError` for an array of another dtype, length or alignment, for one that is not contiguous, and
-    for one that is to be written and cannot be.
+    It raises `InternalError` for an array of another dtype or length, for one that is not contiguous, and for one that
+    is to be written and cannot be.
 
     Parameters
     ----------
@@ -172,10 +170,11 @@ class _Array(NamedTuple):
         tests += [] if self.row.dtype is None else [f"{self.name}.dtype == {self.name}_dtype"]
         tests += [f"{self.name}.size == ({self.size}) * {self.row.size}"] if self.size else []
         tests += [f"(flags := {self.name}.flags).c_contiguous", *([] if self.is_const else ["flags.writeable"])]
-        tests.append(f"not (address := find_address({self.name})) % {self.row.alignment}")
-        wanted = f"contiguous, aligned {'' if self.is_const else 'and writable '}{self.row.dtype or 'items'}"
+        wanted = f"contiguous {'' if self.is_const else 'and writable '}{self.row.dtype or 'items'}"
         wanted += f", {self.size} times {self.row.size}," if self.size else ""
-        checked = f"address if {' and '.join(tests)} else refuse({self.name!r}, {self.name}, {wanted!r})"
+        checked = (
+            f"find_address({self.name}) if {' and '.join(tests)} else refuse({self.name!r}, {self.name}, {wanted!r})"
+        )
         return checked if self.size else f"None if {self.name} is None else {checked}"
 
 
