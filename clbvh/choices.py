@@ -30,3 +30,6 @@ SHEET_WIDTH, SHEET_HEIGHT = 400, 300
 
 # Triangles of a shard, on average at most: with its tree and its device arrays one takes about 4 GB.
 DEFAULT_SHARD_TRIANGLES = 20_000_000
+
+# The most bins along an axis, and the most primitives of a leaf, that a builder can be asked for.
+MAX_BINS, MAX_LEAF_SIZE = 64, 255

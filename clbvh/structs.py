@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from .choices import SHADINGS, TONE_CURVES
+from .choices import MAX_BINS, MAX_LEAF_SIZE, SHADINGS, TONE_CURVES
 
 _LANE_BYTES = 4
 
@@ -47,9 +47,7 @@ BOX_TALLY = _lane(BOX, "tally")
 # that are left, they split by halves. Spatial splits of real meshes stay below 40.
 MAX_DEPTH = 64
 
-# The limits of options, and up to how many primitives of a node the default builder tries all divisions in two: four
-# have 7, five 15.
-MAX_BINS, MAX_LEAF_SIZE = 64, 255
+# Up to how many primitives of a node the default builder tries all divisions in two: four have 7, five 15.
 MAX_EXHAUSTIVE = 4
 
 # --- Trees on the device ---

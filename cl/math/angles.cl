@@ -41,7 +41,7 @@ INLINED double2 angle_of_quotient(const double a, const double b)
         {0.7853981633974483, 3.061616997868383e-17},
     };
     // By arctan(a / b) = arctan(c) + arctan((a - c b) / (b + c a)).
-    const int nearest = (int)(PARTS * (a / b) + 0.5);
+    const int nearest = (int)least_of(PARTS, PARTS * (a / b) + 0.5);  // NaN is the last
     const double c = nearest / PARTS;
     // Exact: the difference is small, and c has four digits.
     const double above = fma(-c, b, a);
@@ -103,7 +103,7 @@ INLINED double2 sine_and_cosine(const double angle)
         {0.7260086552607126, -1.573621815339587e-17, 0.6876855622205048, 3.5430696752823923e-17},
     };
     const double size = fabs(angle);
-    const double nearest = floor(least_of(PARTS * size + 0.5, 13.0));
+    const double nearest = floor(least_of(13.0, PARTS * size + 0.5));
     const double r = size - nearest / PARTS;
     const double *of_nearest = known[(int)nearest];
     const double2 sine = (double2)(of_nearest[0], of_nearest[1]), cosine = (double2)(of_nearest[2], of_nearest[3]);

@@ -95,5 +95,6 @@ INLINED double sphere_crossing(
         t = (dot3(f, f) - r * r) / (square * (middle - to_crossing));
     }
     *normal = unit_of_any(closest + to_crossing * d);
-    return times_power_of_two(t, length_exponent - direction_exponent);
+    // What lies beyond these is infinite or 0.
+    return times_power_of_two(t, clamp(length_exponent - direction_exponent, -1991, 2046));
 }

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from numbers import Integral, Real
 
+from ..choices import MAX_BINS, MAX_LEAF_SIZE
 from ..errors import ConfigError
-from ..structs import MAX_BINS, MAX_LEAF_SIZE
 
 MIN_BINS = 2
 MIN_FRONTIER = 4

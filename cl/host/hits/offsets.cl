@@ -59,9 +59,13 @@ static footing_t stand_on_triangle(
     const double scale = surfaces->scale[geometry];
     const double3 origin = load_row(surfaces->origin, geometry);
     const float *margins = surfaces->margins + 4 * (surfaces->first_face[geometry] + prim) + (is_front ? 0 : 2);
+    // In this order: another thread may find them meanwhile, see `store_margins` of hits/room.cl.
+    const float of_edges = margins[0];
+    __atomic_thread_fence(__ATOMIC_ACQUIRE);
+    const float of_corners = margins[1];
     footing_t footing = {
         (is_front ? 1.0 : -1.0) * normal_of(&corners, scale), (point_on(&corners, u, v) - origin) * scale, 0.0, 1.0,
-        INFINITY, margins[0], margins[1]};
+        INFINITY, of_edges, of_corners};
     const double3 places[3] = {
         (corners.a - origin) * scale, (corners.b - origin) * scale, (corners.c - origin) * scale};
     if (surfaces->rounding < FLOAT_ROUNDING) {

@@ -270,6 +270,14 @@ static double2 find_place(
     return (double2)(u, v);
 }
 
+// Stores the margins of a side, the one last by which other threads know that both are there.
+static void store_margins(float *own, const float of_edges, const float of_corners)
+{
+    own[1] = of_corners;
+    __atomic_thread_fence(__ATOMIC_RELEASE);
+    own[0] = of_edges;
+}
+
 // Moves points on triangles of a mesh away from walls that are too close.
 //
 // vertices[][3], faces[][3], origin[3], scale, points[], begins[], around[]    of the mesh, and its `CornerFaces`
@@ -297,15 +305,13 @@ loop void make_room(
         bool has_walls = false;
         if (own[0] == 0.0f) {
             if (find_least_cosine(&mesh, face, outer) >= LEAST_COSINE) {
-                for (int side = 0; side < 4; side++) {
-                    margins[face][side] = NO_WALLS;
-                }
+                store_margins(margins[face], NO_WALLS, NO_WALLS);
+                store_margins(margins[face] + 2, NO_WALLS, NO_WALLS);
             } else {
                 find_walls(&mesh, face, outer, &walls);
                 has_walls = true;
                 const double2 found = find_margins(&t, normal, &walls);
-                own[0] = (float)found.x;
-                own[1] = (float)found.y;
+                store_margins(own, (float)found.x, (float)found.y);
             }
         }
         const double2 distances = find_distances(&t, us[row], vs[row]);

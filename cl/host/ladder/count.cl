@@ -28,6 +28,9 @@ loop void count_work(
     if (rows) {
         build_flat(&builder, 0, prim_count, 0, (row_node_t *)rows, 0, 1);
     } else {
-        free_nodes(build_linked(&builder, prim_ids, prim_count, 0, 0));
+        linked_node_t *root = build_linked(&builder, prim_ids, prim_count, 0, 0);
+        if (root) {
+            free_nodes(root);
+        }
     }
 }

@@ -135,7 +135,7 @@ loop void refine_points(
         instance_ids[slot] = instance;
         found_t nearest = {(double3)(NAN), INFINITY};
         if (prim != NO_PRIM) {
-            const double3 point = load_vector((const char *)points + 3 * order[row] * step, step, is_double);
+            const double3 point = load_vector((const char *)points + 3L * order[row] * step, step, is_double);
             nearest = surfaces.kind[surfaces.geometry_id[instance]] == KIND_SPHERES
                 ? close_to_sphere(&surfaces, point, instance, prim, axes, half_lengths)
                 : close_to_triangle(

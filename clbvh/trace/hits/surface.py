@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...device.host.loops import Loops
+from ...errors import QueryError
 from ...geometry import Mesh, Shape
 from ...structs import NO_PRIM
 from ...support.host_threads import HostThreads
@@ -161,7 +162,24 @@ class Surface:
 
     def offset_points(self, points: SurfacePoints, is_front: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return (..., 3) float64: start points of rays, next to points on the outer side or the inner one."""
-        return self._for_points(_offset, points, is_front)
+        return self._for_points(_offset, points, np.asarray(is_front, np.bool_))
+
+    def _check_ids(self, prim_ids: NDArray[np.int32], instance_ids: NDArray[np.int32]) -> None:
+        """Raise `QueryError` unless a surface has these primitives, (n,), but for those that are none."""
+        if len(prim_ids) == 0:
+            return
+        counts, geometry_id = self._prim_counts, self.arrays.geometry_id
+        is_known = instance_ids.max() < len(geometry_id) and min(instance_ids.min(), prim_ids.min()) >= NO_PRIM
+        if is_known and (instance_ids.min() < 0 or prim_ids.max() >= counts.min()):
+            is_prim = prim_ids != NO_PRIM
+            prims, instances = prim_ids[is_prim], instance_ids[is_prim]
+            is_known = bool((instances >= 0).all() and (prims < counts[geometry_id[instances]]).all())
+        if not is_known:
+            raise QueryError("these hits have primitives or instances that their surface does not have")
+
+    @cached_property
+    def _prim_counts(self) -> NDArray[np.int64]:
+        return np.array([shape.prim_count for shape in self.shapes], np.int64)
 
     def _for_points(
         self, compute: Callable[..., None], points: SurfacePoints, *more: NDArray[Any]
@@ -172,6 +190,7 @@ class Surface:
         flat = vectors.reshape(-1, 3)
         others = (np.ascontiguousarray(values).reshape(len(flat), *values.shape[len(shape) :]) for values in more)
         inputs: list[NDArray[Any]] = [*points.flat(), *others]
+        self._check_ids(*inputs[:2])
 
         def compute_part(begin: int, end: int) -> None:
             compute(self, *(values[begin:end] for values in inputs), flat[begin:end])

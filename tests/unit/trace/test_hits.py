@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clbvh import ConfigError, Hits, Mesh, QueryError, Scene
+from clbvh import ConfigError, Hits, Mesh, QueryError, Scene, Spheres, Tracer
 from clbvh.integrations.trimesh.ray import order_by_depth
 from clbvh.structs import HIT
 from clbvh.trace.hits import all_hits as module, interpolate as interpolate_module
@@ -225,3 +225,35 @@ def test_wrong_values_are_refused(mesh, scene_hits, monkeypatch):
     monkeypatch.setattr("clbvh.support.memory.free_memory_bytes", lambda: 0)
     with pytest.raises(QueryError, match="ask for fewer hits at a time"):
         scene_hits[np.zeros(2**17, int)].interpolate({0: np.broadcast_to(1.0, (count, 256))})
+
+
+def test_hits_that_a_surface_does_not_have_are_refused(mesh):
+    for prim_id in (-2, mesh.face_count):
+        hits = Hits(np.ones(2), np.zeros(2), np.zeros(2), np.array([prim_id, 0], np.int32), mesh=mesh)
+        with pytest.raises(QueryError, match="their surface does not have"):
+            hits.locations  # noqa: B018
+
+
+def test_sides_may_be_numbers(mesh):
+    values = np.ones(2), np.full(2, 0.2), np.full(2, 0.3), np.array([0, 1], np.int32)
+    expected = Hits(*values, mesh=mesh, is_front=np.array([True, False])).offset_origins()
+    assert (Hits(*values, mesh=mesh, is_front=np.array([1, 0])).offset_origins() == expected).all()
+
+
+def test_points_of_spheres_at_no_number_are_none(session):
+    scene = Scene(Spheres([[0.0, 0.0, 0.0]], 1.0))
+    with Tracer(scene, device=session.info) as tracer:
+        hits = tracer.closest_hit([[0, 0, 9]], [[0, 0, -1]])
+    for lost in (np.nan, np.inf):
+        for coordinate in (hits.u, hits.v):
+            kept, coordinate[0] = coordinate[0], lost
+            assert np.isnan(hits.locations).any()
+            coordinate[0] = kept
+
+
+def test_spheres_of_any_size_and_distance_are_hit_at_their_distance(session):
+    spheres = Spheres([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]], [1.0, 1e-320])
+    with Tracer(Scene(spheres), device=session.info) as tracer:
+        assert tracer.closest_hit([[5.0, 0, 0]], [[1e280, 0, 0]]).t.tolist() == [0.0]
+    with Tracer(Scene(Spheres([[0.0, 0.0, 0.0]], 1e100)), device=session.info) as tracer:
+        assert tracer.closest_hit([[1e300, 0, 0]], [[-1e-320, 0, 0]]).t > 1e308
