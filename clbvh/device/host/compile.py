@@ -121,7 +121,7 @@ def build_library(
     target: Path, objects: Path, levels: Iterable[str], *, jobs: int | None = None,
     variants: Iterable[Variant] = (), macros: Mapping[str, int] | None = None,
 ) -> None:  # fmt: skip
-    """Compile all kernels for this machine's kind of processor, and link them.
+    """Compile all kernels and loops for this machine's kind of processor, and link them.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def build_library(
     jobs : int, optional
         Compilers at a time; by default the number of usable processors.
     variants : iterable of Variant
-        By default all, and then there are all loops as well.
+        By default all.
     macros : mapping of str to int, optional
         Besides those of each variant.
 
@@ -148,11 +148,9 @@ def build_library(
     compiler = _need_compiler()
     names = LEVELS[machine()]
     levels = sorted(levels)
-    variants = list(variants)
-    chosen = variants or list_variants()
+    chosen = list(variants) or list_variants()
     units = [_variant_unit(variant, level, names[level], macros or {}) for level in levels for variant in chosen]
-    if not variants:
-        units += [_loops_unit(name, level) for level in levels for name in list_loop_files()]
+    units += [_loops_unit(name, level) for level in levels for name in list_loop_files()]
     _link(compiler, target, objects, [*units, _level_unit(tuple(levels))], jobs)
 
 
