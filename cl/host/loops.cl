@@ -7,6 +7,11 @@
 // `-fmax-type-align=1` says the same of numbers.
 #define ALIGNED(bytes)
 
+BUILTIN double3 vload3(const size_t index, const double *from)
+{
+    return (double3)(from[3 * index], from[3 * index + 1], from[3 * index + 2]);
+}
+
 LEAST_AND_MOST(uint)
 LEAST_AND_MOST(ulong)
 LEAST_AND_MOST(double)

@@ -3,21 +3,12 @@
 // The grid is a cube around all local coordinates, which are from -1 to 1, so that its cells follow from a
 // multiplication by a power of two: a division would be rounded differently by some devices.
 
+#include "math/bits.cl"
 #include "tree/boxes.cl"
 
 // Bits of a coordinate in one key, and in all keys.
 #define AXIS_BITS 10
 #define ALL_AXIS_BITS 20
-
-// The lowest bits of a number at every third position.
-INLINED uint spread_bits(const uint number)
-{
-    uint bits = number & 0x3ff;
-    bits = (bits | bits << 16) & 0x030000ff;
-    bits = (bits | bits << 8) & 0x0300f00f;
-    bits = (bits | bits << 4) & 0x030c30c3;
-    return (bits | bits << 2) & 0x09249249;
-}
 
 INLINED uint cell_of(const float doubled_centroid)
 {

@@ -20,7 +20,7 @@ from typing import Literal, NamedTuple
 from ..errors import ConfigError, DeviceError, KernelBuildError
 from .driver_files import DriverFile, find_folders, find_naming_variable, find_registered_folder, read_driver_files
 from .host.info import describe_host
-from .host.library import open_library
+from .host.library import fits_sources, open_library
 from .info import HOST_PLATFORM, DeviceInfo
 from .probe import ProbeResult, run_probe
 from .select import NO_DRIVER
@@ -162,7 +162,7 @@ def _try_host(timeout_s: float) -> tuple[Finding, list[Trial]]:
         library, device = open_library(), describe_host()
     except (DeviceError, KernelBuildError) as error:
         return Finding("host", "problem", str(error)), []  # it says what to do
-    if not library.fits():
+    if not fits_sources(library.path):
         return _report("host", f"the compiled kernels in {library.path} do not fit their sources"), []
     result = run_probe("try", HOST_PLATFORM, timeout_s=timeout_s)
     trial = Trial(device, result.failure, result.log)

@@ -43,11 +43,6 @@ typedef struct {
     long twin_prim;
 } intersection_t;
 
-static double3 load_vector(const double from[3])
-{
-    return (double3)(from[0], from[1], from[2]);
-}
-
 static double dot_of(const double3 a, const double3 b)
 {
     return a.x * b.x + a.y * b.y + a.z * b.z;
@@ -94,8 +89,8 @@ loop long see_rays(
         if ((masks[ray] & view->mask) == 0) {
             continue;
         }
-        const double3 direction = load_vector(directions[ray]);
-        const double3 origin = (load_vector(origins[ray]) - load_vector(view->centre)) / view->unit;
+        const double3 direction = vload3(0, directions[ray]);
+        const double3 origin = (vload3(0, origins[ray]) - vload3(0, view->centre)) / view->unit;
         // The foot of a far origin is rounded, and so it moves once more.
         const double shift = -dot_of(origin, direction);
         const double3 near = origin + shift * direction;
@@ -269,15 +264,15 @@ loop long meet_triangles(
 {
     search_t search = {(const view_t *)view, t_mins, t_maxs, lengths, (intersection_t *)found, room, 0};
     for (long index = 0; index < seen_count; index++) {
-        const frame_t frame = make_frame(load_vector(directions[index]));
-        const double3 foot = load_vector(feet[index]);
+        const frame_t frame = make_frame(vload3(0, directions[index]));
+        const double3 foot = vload3(0, feet[index]);
         for (long prim = 0; prim < face_count; prim++) {
             if (degenerate[prim]) {
                 continue;
             }
             double3 corners[3];
             for (int corner = 0; corner < 3; corner++) {
-                corners[corner] = project(&frame, load_vector(vertices[faces[prim][corner]]) - foot);
+                corners[corner] = project(&frame, vload3(0, vertices[faces[prim][corner]]) - foot);
             }
             meeting_t meeting;
             if (meet_triangle(corners[0], corners[1], corners[2], blurs[index], &meeting)) {
@@ -311,12 +306,12 @@ loop long meet_spheres(
 {
     search_t search = {(const view_t *)view, t_mins, t_maxs, lengths, (intersection_t *)found, room, 0};
     for (long index = 0; index < seen_count; index++) {
-        const double3 direction = load_vector(directions[index]);
+        const double3 direction = vload3(0, directions[index]);
         const double shift = shifts[index];
         const double blur = blurs[index];
         for (long prim = 0; prim < sphere_count; prim++) {
             const double radius = radii[prim];
-            const double3 way = load_vector(centres[prim]) - load_vector(feet[index]);
+            const double3 way = vload3(0, centres[prim]) - vload3(0, feet[index]);
             const double along = dot_of(way, direction);
             const double beside = length_of(way + -along * direction);
             if (beside > radius + blur) {

@@ -3,11 +3,6 @@
 #include "math/doubles.cl"
 #include "structs.cl"
 
-static double3 load_vector(const double from[3])
-{
-    return (double3)(from[0], from[1], from[2]);
-}
-
 // Writes the parent of each node, and the sum of its triangles' normals, which are as long as these are wide.
 loop void sum_normals(
     const long node_count, const row_node_t nodes[node_count], const long prim_count, const int prim_ids[prim_count],
@@ -19,12 +14,12 @@ loop void sum_normals(
         double3 sum = (double3)(0.0);
         for (int slot = first; slot < first + nodes[node].count; slot++) {
             const int *face = faces[prim_ids[slot]];
-            const double3 a = load_vector(vertices[face[0]]);
-            sum += cross3(load_vector(vertices[face[1]]) - a, load_vector(vertices[face[2]]) - a);
+            const double3 a = vload3(0, vertices[face[0]]);
+            sum += cross3(vload3(0, vertices[face[1]]) - a, vload3(0, vertices[face[2]]) - a);
         }
         if (nodes[node].count == 0) {
             parents[first] = parents[first + 1] = (int)node;
-            sum = load_vector(normals[first]) + load_vector(normals[first + 1]);
+            sum = vload3(0, normals[first]) + vload3(0, normals[first + 1]);
         }
         vstore3(sum, node, normals[0]);
     }
@@ -42,7 +37,7 @@ loop void measure_nodes(
     for (long leaf = 0; leaf < node_count; leaf++) {
         for (int index = 0; index < 3 * nodes[leaf].count; index++) {
             const int *face = faces[prim_ids[nodes[leaf].first + index / 3]];
-            const double3 corner = load_vector(vertices[face[index % 3]]);
+            const double3 corner = vload3(0, vertices[face[index % 3]]);
             for (long node = leaf;; node = parents[node]) {
                 for (int row = 0; row < 3; row++) {
                     const float *axis = &axes[node][3 * row];

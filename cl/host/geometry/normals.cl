@@ -10,11 +10,6 @@
 // the order of the faces: the point of a cone of a million faces would take hours.
 #define MOST_COMPARED 256
 
-static double3 load_point(const double at[3])
-{
-    return (double3)(at[0], at[1], at[2]);
-}
-
 // Writes the unit normals of some faces, zero without an area, and the angles at their corners in radians.
 //
 // scale               a power of two that brings the mesh to a size of about 1
@@ -25,9 +20,9 @@ loop void measure_faces(
 {
     for (long face = begin; face < end; face++) {
         for (int corner = 0; corner < 3; corner++) {
-            const double3 own = load_point(vertices[faces[face][corner]]);
-            const double3 u = (load_point(vertices[faces[face][(corner + 1) % 3]]) - own) * scale;
-            const double3 v = (load_point(vertices[faces[face][(corner + 2) % 3]]) - own) * scale;
+            const double3 own = vload3(0, vertices[faces[face][corner]]);
+            const double3 u = (vload3(0, vertices[faces[face][(corner + 1) % 3]]) - own) * scale;
+            const double3 v = (vload3(0, vertices[faces[face][(corner + 2) % 3]]) - own) * scale;
             const double3 across = cross3(u, v);
             // Divided by the largest component first: the squares of a small triangle's normal could underflow.
             const double largest = largest_size(across);
@@ -89,12 +84,12 @@ loop void smooth_corners(
         // Where all normals are within half the angle of one, no two differ by more: nearly everywhere, nearly always.
         double3 sum = (double3)(0.0);
         for (long slot = first; slot < end; slot++) {
-            sum += angle_at(&mesh, around[slot], point) * load_point(normals[around[slot]]);
+            sum += angle_at(&mesh, around[slot], point) * vload3(0, normals[around[slot]]);
         }
         const double length = sqrt(dot3(sum, sum));
         bool is_smooth = length > 0.0;
         for (long slot = first; slot < end && is_smooth; slot++) {
-            is_smooth = dot3(sum, load_point(normals[around[slot]])) > half_cosine * length;
+            is_smooth = dot3(sum, vload3(0, normals[around[slot]])) > half_cosine * length;
         }
         if (is_smooth) {
             for (long slot = first; slot < end; slot++) {
@@ -105,14 +100,14 @@ loop void smooth_corners(
         const long step = 1 + (end - first - 1) / MOST_COMPARED;
         for (long slot = first; slot < end; slot++) {
             const long face = around[slot];
-            const double3 own = load_point(normals[face]);
+            const double3 own = vload3(0, normals[face]);
             const bool has_area = own.x != 0.0 || own.y != 0.0 || own.z != 0.0;
             const double least = has_area ? least_cosine : -2.0;
             double3 near = (double3)(0.0);
             double weight = 0.0;
             for (long other_slot = first + (slot - first) % step; other_slot < end; other_slot += step) {
                 const long other = around[other_slot];
-                const double3 normal = load_point(normals[other]);
+                const double3 normal = vload3(0, normals[other]);
                 if (other == face || dot3(own, normal) > least) {
                     const double angle = angle_at(&mesh, other, point);
                     near += angle * normal;

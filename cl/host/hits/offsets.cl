@@ -36,7 +36,7 @@
 // Float cannot tell the sides of an object whose start points would need more; no distance would do.
 #define MOST_GROWTH 0.5
 
-// A point of a primitive, in its object's local coordinates, and what is known of it there.
+// A point of a primitive in its object's local coordinates, its normal, and the limits of the room above it.
 typedef struct {
     // Above the surface: the unit normal on the side of the start point.
     double3 normal;

@@ -6,6 +6,7 @@
 // centre, scale       the zero of the world's local coordinates, and local units in one unit of the file
 
 #include "structs.cl"
+#include "math/bits.cl"
 #include "rays/arrays.cl"
 
 // Along each axis of a cube around the box: 8 bits of a key.
@@ -19,11 +20,6 @@ INLINED double3 load_point(const void *points, const long point, const int is_do
 {
     const long step = is_double ? sizeof(double) : sizeof(float);
     return load_vector((const char *)points + 3 * point * step, step, is_double);
-}
-
-INLINED double3 load_centre(const double *centre)
-{
-    return (double3)(centre[0], centre[1], centre[2]);
 }
 
 // Stores a position as the sum of two numbers of float32.
@@ -40,7 +36,7 @@ loop long find_bad(
     const void *points, const int is_double, const long count, const double centre[3], const double scale)
 {
     for (long point = 0; point < count; point++) {
-        const double3 local_point = (load_point(points, point, is_double) - load_centre(centre)) * scale;
+        const double3 local_point = (load_point(points, point, is_double) - vload3(0, centre)) * scale;
         // Infinity minus infinity is NaN.
         const double3 nothing = local_point - local_point;
         if (!(nothing.x == 0.0 && nothing.y == 0.0 && nothing.z == 0.0)) {
@@ -61,14 +57,12 @@ loop void write_keys(
 {
     for (long point = 0; point < count; point++) {
         const double3 place =
-            (load_point(points, point, is_double) - load_centre(centre) + half_size) * cells_per_unit;
+            (load_point(points, point, is_double) - vload3(0, centre) + half_size) * cells_per_unit;
         int key = 0;
         for (int axis = 0; axis < 3; axis++) {
             // Written so that NaN is in the first cell.
-            int cell = !(place[axis] > 0.0) ? 0 : place[axis] >= CELLS ? CELLS - 1 : (int)place[axis];
-            cell = (cell | cell << 8) & 0x00F00F;
-            cell = (cell | cell << 4) & 0x0C30C3;
-            key |= ((cell | cell << 2) & 0x249249) << axis;
+            const int cell = !(place[axis] > 0.0) ? 0 : place[axis] >= CELLS ? CELLS - 1 : (int)place[axis];
+            key |= (int)spread_bits(cell) << axis;
         }
         keys[point] = key;
     }
@@ -83,7 +77,7 @@ loop void pack_points(
 {
     for (long slot = 0; slot < count; slot++) {
         const long point = order[slot];
-        const double3 local_point = (load_point(points, point, is_double) - load_centre(centre)) * scale;
+        const double3 local_point = (load_point(points, point, is_double) - vload3(0, centre)) * scale;
         const double size = largest_size(local_point);
         const double share = size > farthest ? farthest / size : 1.0;
         store_pair(local_point * share, packed[slot].position, packed[slot].position_low);
@@ -112,7 +106,7 @@ loop void pack_hemispheres(
         const double3 scaled = given / largest_size(given);
         const double3 normal = scaled / sqrt(dot3(scaled, scaled));
         const double3 point = load_point(points, each_row & 1 ? number : 0, 1);
-        const double3 local_point = (point - load_centre(centre)) * scale;
+        const double3 local_point = (point - vload3(0, centre)) * scale;
 
         const double reach = largest_size(local_point);
         const double share = reach > FARTHEST ? FARTHEST / reach : 1.0;

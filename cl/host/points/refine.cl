@@ -139,7 +139,7 @@ loop void refine_points(
             nearest = surfaces.kind[surfaces.geometry_id[instance]] == KIND_SPHERES
                 ? close_to_sphere(&surfaces, point, instance, prim, axes, half_lengths)
                 : close_to_triangle(
-                    &surfaces, point, instance, prim, (double3)(centre[0], centre[1], centre[2]), farthest);
+                    &surfaces, point, instance, prim, vload3(0, centre), farthest);
         }
         distances[slot] = nearest.distance;
         vstore3(nearest.point, slot, closest);

@@ -110,8 +110,7 @@ static polygon_t polygon_of(const pending_t *pending)
     polygon_t polygon;
     polygon.size = (int)pending->size;
     for (int corner = 0; corner < polygon.size; corner++) {
-        const double *at = pending->at[corner];
-        polygon.at[corner] = (double3)(at[0], at[1], at[2]);
+        polygon.at[corner] = vload3(0, pending->at[corner]);
     }
     return polygon;
 }

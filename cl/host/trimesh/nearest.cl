@@ -29,14 +29,9 @@ typedef struct {
     double scale;
 } mesh_t;
 
-static double3 load_vector(const double from[3])
-{
-    return (double3)(from[0], from[1], from[2]);
-}
-
 static double3 load_corner(const mesh_t *mesh, const long face, const int corner)
 {
-    return load_vector(mesh->vertices[mesh->faces[face][corner]]);
+    return vload3(0, mesh->vertices[mesh->faces[face][corner]]);
 }
 
 // A face as a point sees it: its closest point, and the cosine between its normal and the way to the point; -2 for a
@@ -72,10 +67,10 @@ loop void choose(
     const long around[3 * face_count], const double squared_tolerance, double distances[count],
     double closest_points[count][3], int prim_ids[count])
 {
-    const mesh_t mesh = {vertices, faces, load_vector(centre), scale};
+    const mesh_t mesh = {vertices, faces, vload3(0, centre), scale};
     for (long index = 0; index < count; index++) {
         const int own = prim_ids[index];
-        const double3 point = load_vector(points[index]);
+        const double3 point = vload3(0, points[index]);
         if (own == NO_PRIM || !(largest_size((point - mesh.centre) * scale) < FAR_SHARE)) {
             continue;
         }
@@ -130,7 +125,7 @@ typedef struct {
 
 static void try_vertex(const mesh_t *mesh, const double3 local_point, const long vertex, nearest_t *nearest)
 {
-    const double3 away = (load_vector(mesh->vertices[vertex]) - mesh->centre) * mesh->scale - local_point;
+    const double3 away = (vload3(0, mesh->vertices[vertex]) - mesh->centre) * mesh->scale - local_point;
     const double squared = dot3(away, away);
     if (squared < nearest->squared || (squared == nearest->squared && vertex < nearest->vertex)) {
         *nearest = (nearest_t){squared, vertex};
@@ -165,10 +160,10 @@ loop void find_vertices(
     const long node_count, const row_node_t nodes[node_count], const int prim_ids[face_count], const long loose_count,
     const long loose[loose_count], const long stack_size, long stack[stack_size][2], long vertex_ids[count])
 {
-    const mesh_t mesh = {vertices, faces, load_vector(centre), scale};
+    const mesh_t mesh = {vertices, faces, vload3(0, centre), scale};
     entry_t *entries = (entry_t *)stack;
     for (long index = 0; index < count; index++) {
-        double3 local_point = (load_vector(points[index]) - mesh.centre) * scale;
+        double3 local_point = (vload3(0, points[index]) - mesh.centre) * scale;
         const double size = largest_size(local_point);
         local_point *= size > FAR_SHARE ? FAR_SHARE / size : 1.0;
         nearest_t nearest = {INFINITY, -1};

@@ -29,8 +29,7 @@ loop void invert(
         int rows[3];
         int columns[3];
         for (int row = 0; row < 3; row++) {
-            const double *from = matrices[index][row];
-            const double3 given = (double3)(from[0], from[1], from[2]);
+            const double3 given = vload3(row, matrices[index][0]);
             rows[row] = exponent_of(largest_size(given));
             matrix[row] = times_power_of_two3(given, -rows[row]);
         }
@@ -82,6 +81,18 @@ static double condition_of(const double linear[3][3], const double inverse[3][3]
     return most;
 }
 
+// The middle of an instance's box along an axis of the scene, and half its side.
+static double2 box_along(
+    const double row_of_map[3], const double offset, const double origin[3], const double half_size[3])
+{
+    double2 box = (double2)(offset, 0.0);
+    for (int column = 0; column < 3; column++) {
+        box.x += row_of_map[column] * origin[column];
+        box.y += fabs(row_of_map[column]) * half_size[column];
+    }
+    return box;
+}
+
 // Writes the corners of the instances' boxes in the scene's coordinates.
 loop void find_boxes(
     const long count, const int geometry_id[count], const double linear[count][3][3], const double offset[count][3],
@@ -92,16 +103,11 @@ loop void find_boxes(
         const int geometry = geometry_id[instance];
         const double condition = condition_of(linear[instance], inverse[instance]);
         for (int row = 0; row < 3; row++) {
-            double middle = offset[instance][row];
-            double half_side = 0.0;
-            for (int column = 0; column < 3; column++) {
-                const double factor = linear[instance][row][column];
-                middle += factor * origin[geometry][column];
-                half_side += fabs(factor) * half_size[geometry][column];
-            }
-            half_side += half_side * min(OWN_GROWTH * condition, 1.0);
-            lower[instance][row] = middle - half_side;
-            upper[instance][row] = middle + half_side;
+            const double2 box =
+                box_along(linear[instance][row], offset[instance][row], origin[geometry], half_size[geometry]);
+            const double half_side = box.y + box.y * min(OWN_GROWTH * condition, 1.0);
+            lower[instance][row] = box.x - half_side;
+            upper[instance][row] = box.x + half_side;
         }
     }
 }
@@ -126,13 +132,10 @@ loop int write_records(
         instance_t *record = records + slot;
         double squared_radius = 0.0;
         for (int row = 0; row < 3; row++) {
-            double place = offset[instance][row];
-            double extent = 0.0;
+            const double2 box =
+                box_along(linear[instance][row], offset[instance][row], origin[geometry], half_size[geometry]);
             for (int column = 0; column < 3; column++) {
-                const double factor = linear[instance][row][column];
-                place += factor * origin[geometry][column];
-                extent += fabs(factor) * half_size[geometry][column];
-                record->to_world[row][column] = (float)(factor / scale[geometry] * world_scale);
+                record->to_world[row][column] = (float)(linear[instance][row][column] / scale[geometry] * world_scale);
                 const double back = inverse[instance][row][column] / world_scale * scale[geometry];
                 // Written so that NaN is too large.
                 if (!(fabs(back) <= most_inverse)) {
@@ -140,8 +143,8 @@ loop int write_records(
                 }
                 record->to_object[row][column] = (float)back;
             }
-            squared_radius += extent * world_scale * (extent * world_scale);
-            const double local_place = (place - centre[row]) * world_scale;
+            squared_radius += box.y * world_scale * (box.y * world_scale);
+            const double local_place = (box.x - centre[row]) * world_scale;
             record->centre[row] = (float)local_place;
             record->centre_low[row] = (float)(local_place - record->centre[row]);
         }

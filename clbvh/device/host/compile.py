@@ -54,8 +54,11 @@ LEVELS = {
 # Rounding is ours to choose, and infinities and NaN mean something.
 _OPTIONS = (
     "-x", "cl", "-cl-std=CL1.2", "-Xclang", "-cl-ext=+all", "-cl-no-stdinc", "-O3", "-ffp-contract=off",
-    "-fno-math-errno", "-fno-asynchronous-unwind-tables", "-fPIC", "-fvisibility=hidden", "-w", "-c",
+    "-fno-math-errno", "-fno-asynchronous-unwind-tables", "-fPIC", "-fvisibility=hidden",
 )  # fmt: skip
+_KERNEL_OPTIONS = (*_OPTIONS, "-w", "-c")
+# A pointer to another type is an error: Python checks what loops are given, and nobody what they do with it.
+_LOOP_OPTIONS = (*_OPTIONS, "-Wno-everything", "-Werror=incompatible-pointer-types", "-fmax-type-align=1", "-c")
 _C_OPTIONS = ("-x", "c", "-O2", "-fPIC", "-fvisibility=hidden", "-c")
 
 _VISIBLE = '__attribute__((visibility("default")))'
@@ -236,7 +239,7 @@ def _unit(source: str, entries: Mapping[str, str], processor: str, macros: Mappi
     kernels = ENTRY_POINT.sub(r"kernel void \1(const work_item_t work_item, \2)", source)
     text = expand_shipped(_BUILTINS) + kernels + "".join(texts)
     defines = (f"-D{macro}={value}" for macro, value in macros.items())
-    return _Unit((*_OPTIONS, *_target_options(processor), *defines), text, ".cl")
+    return _Unit((*_KERNEL_OPTIONS, *_target_options(processor), *defines), text, ".cl")
 
 
 # The length of an array, which a declaration gives for host/loops.py, and which OpenCL C does not allow.
@@ -252,7 +255,7 @@ def _loops_unit(name: str, level: str) -> _Unit:
         entry, passed = f"{level}_{loop_entry(name, loop)}", ", ".join(_PARAMETER_NAME.findall(parameters))
         call = f"{'' if result == 'void' else 'return '}{loop}({passed});"
         texts.append(f"extern {_VISIBLE} {result} {entry}({parameters}) {{ {call} }}\n")
-    options = *_OPTIONS, "-fmax-type-align=1", *_target_options(LEVELS[machine()][level])
+    options = *_LOOP_OPTIONS, *_target_options(LEVELS[machine()][level])
     return _Unit(options, expand_shipped(_BUILTINS) + expand_shipped(_LOOP_BUILTINS) + source + "".join(texts), ".cl")
 
 

@@ -159,12 +159,6 @@ class HostLibrary:
             )
         return usable[-1]
 
-    def fits(self) -> bool:
-        """Return whether it was made of the sources that are here."""
-        from .compile import find_digest
-
-        return self.digest == find_digest()
-
     def kernels(self, name: str, macros: Mapping[str, int]) -> dict[str, HostKernel]:
         """Return the kernels of a file by their names.
 
@@ -251,13 +245,13 @@ def open_library() -> HostLibrary:
             # One that a variable names, and that of a wheel, is taken as it is.
             is_own = _is_checkout() and not any(map(os.environ.get, (LIBRARY_VARIABLE, ON_DEMAND_VARIABLE)))
             # Not loaded to find that out: the system would give the old one again, by its path.
-            if not (path.is_file() and (not is_own or _fits(path))):
+            if not (path.is_file() and (not is_own or fits_sources(path))):
                 _rebuild(path)
             _opened[path] = HostLibrary(path)
         return _opened[path]
 
 
-def _fits(path: Path) -> bool:
+def fits_sources(path: Path) -> bool:
     """Return whether a library was made of the sources that are here."""
     from .compile import find_digest
 
@@ -283,6 +277,6 @@ def _rebuild(path: Path) -> None:
     with (find_objects() / "compiling.lock").open("w") as lock:
         fcntl.lockf(lock, fcntl.LOCK_EX)  # not `flock`, which a forked child would hold as well
         # Another process may have compiled it meanwhile.
-        if not (path.is_file() and _fits(path)):
+        if not (path.is_file() and fits_sources(path)):
             say_compiling("compiling the kernels for this processor, which takes a minute")
             build_library(path, find_objects(), [find_level()])

@@ -14,7 +14,6 @@ from clbvh import DeviceError
 from clbvh.device import doctor, driver_files, pocl_3
 from clbvh.device.doctor import check_gpus, diagnose, register_drivers, try_library
 from clbvh.device.driver_files import DriverFile, added_drivers, find_added, find_bundled_folder, find_folders
-from clbvh.device.host.library import HostLibrary
 from clbvh.device.pocl_3 import choose_name, prepare_pocl_3
 from clbvh.device.probe import ProbeResult, run_probe
 
@@ -224,7 +223,7 @@ def test_a_host_that_lacks_its_kernels_or_computes_wrong_numbers_is_the_first_pr
     monkeypatch.setattr(doctor, "run_probe", lambda *words, **_: ProbeResult({}, "was killed by SIGILL", ""))
     findings, (host,) = diagnose(TIMEOUT_S)
     assert (host.error, findings[0].severity, findings[0].check) == ("was killed by SIGILL", "problem", "host")
-    monkeypatch.setattr(HostLibrary, "fits", lambda library: False)
+    monkeypatch.setattr(doctor, "fits_sources", lambda path: False)
     findings, trials = diagnose(TIMEOUT_S)
     assert trials == []
     assert "do not fit their sources" in findings[0].message
