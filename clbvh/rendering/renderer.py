@@ -180,12 +180,13 @@ class Renderer(ContextManager):
             painters = {each: Painters(each, world, built) for each, world in worlds}
             self._shown = _Shown.make(built, FrameRenderer(*worlds[0], worlds[1:]), painters, self._options)
             self._moving = make_lock()
+            # What is uploaded later belongs to the phase in which it is.
+            upload_ms = sum(each.times.sums_ms()["upload"] for each in sessions)
             watch.lap("layout")
             # So that the first picture takes no longer than the others.
             joined = self._shown.joined.find(self._shown.finder.complete(self.view))
             for each in (joined or self._shown).painters.values():
                 each.painter(self.view, np.zeros(1, VIEW), Progress(1))
-            upload_ms = sum(each.times.sums_ms()["upload"] for each in sessions)
             watch.lap("compile")
             laps_ms, made = watch.laps_ms, built.made
             phases_ms = {

@@ -1,6 +1,7 @@
 """A renderer of many pictures: each is what `render` makes, nothing is made twice, and it can be shared and closed."""
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 import clbvh
 from clbvh import Camera, Light, QueryError, Renderer, Scene, SceneError
 from clbvh.device import program
+from clbvh.device.host.session import HostSession
 from clbvh.device.session import DeviceSession
 from clbvh.rendering import painters
 
@@ -56,6 +58,22 @@ def test_timings_are_those_of_the_picture_alone(renderer):
     assert list(picture.timings) == list(renderer.timings) == list(once.timings) == phases
     assert picture.timings["kernel"] > 0
     assert picture.timings["build"] == picture.timings["load"] == picture.timings["compile"] == 0
+
+
+def test_phases_add_up_however_long_uploads_take(monkeypatch):
+    move = HostSession._move
+
+    def move_slowly(session, label, target, source):
+        begin_s = time.perf_counter()
+        move(session, label, target, source)
+        time.sleep(0.002)
+        session.times.add(label, (time.perf_counter() - begin_s) * 1e3)
+
+    monkeypatch.setattr(HostSession, "_move", move_slowly)
+    # Tables of the sky and of lights are uploaded for the shading, after the tree.
+    with Renderer(KNOT, VIEW, clbvh.RenderOptions(device="host"), shading="path") as renderer:
+        for times in (renderer.timings, renderer.render().timings):
+            assert sum(times.values()) - times["total"] == pytest.approx(times["total"])
 
 
 def test_a_renderer_has_the_objects_of_its_beginning():
