@@ -43,8 +43,8 @@ _FINDINGS = (
 
 # What a simulator has to find: whether a ray hits, written far behind the buffer.
 _PLANTED_KERNEL = "kernels/any_hit.cl"
-_RIGHT_WRITE = "blocked[ray_id]"
-_WRONG_WRITE = "blocked[ray_id + (1 << 24)]"
+_RIGHT_WRITE = "blocked + ray_id_of(&batch, slot)"
+_WRONG_WRITE = "blocked + ray_id_of(&batch, slot) + (1 << 24)"
 
 
 @dataclass(frozen=True)

@@ -214,6 +214,10 @@ FAR_RADII = 32
 
 # Where the rays of a tile begin in a scene, see cl/instances/start.cl.
 MAX_TILE_LEAVES = 14
+
+# Rays of a tile that the host casts together, at most, see cl/on_host/world/rays.cl.
+MOST_TILE_RAYS = 64
+
 TILE = np.dtype(
     [
         # Leaves that the tile's beam meets, as slots 2 * node + child; or -1: its rays traverse the tree over the
@@ -536,6 +540,7 @@ DEVICE_CONSTANTS = {
     "SHARED_VERTEX_BITS": SHARED_VERTEX_BITS,
     "FAR_RADII": FAR_RADII,
     "MAX_TILE_LEAVES": MAX_TILE_LEAVES,
+    "MOST_TILE_RAYS": MOST_TILE_RAYS,
     **{"KIND_" + name.upper(): number for name, number in PRIM_KINDS.items()},
     **{"LAYOUT_" + name.upper(): number for name, number in LAYOUTS.items()},
     **{"TONE_" + name.upper(): number for name, number in TONE_CURVES.items()},

@@ -103,7 +103,7 @@ def pytest_runtest_makereport(item, call):
 
 @pytest.fixture(scope="session", autouse=True)
 def _empty_cache(tmp_path_factory) -> Iterator[None]:
-    """Hide the user's cache: settings of `clbvh tune`, trees and meshes there must not change a test."""
+    """Hide the user's cache: trees and meshes there must not change a test."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CLBVH_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield

@@ -31,7 +31,7 @@ INLINED direction_t direction_of(const double3 v)
 }
 
 // A unit vector at right angles to the longest edge of a triangle; NaN if all edges have length zero.
-INLINED double3 across_longest_edge(const corners_t *corners)
+INLINED double3 across_longest_edge(const wide_corners_t *corners)
 {
     const double3 ways[3] = {corners->b - corners->a, corners->c - corners->b, corners->a - corners->c};
     double longest = 0.0;
@@ -61,7 +61,7 @@ INLINED double3 across_longest_edge(const corners_t *corners)
 
 // The unit normal of a triangle on the side from which its corners run anticlockwise. A triangle so thin that double
 // does not know its normal gets a vector across its longest edge.
-INLINED double3 normal_of(const corners_t *corners, const double scale)
+INLINED double3 normal_of(const wide_corners_t *corners, const double scale)
 {
     const double3 ab = (corners->b - corners->a) * scale, ac = (corners->c - corners->a) * scale;
     const double3 normal = direction_of(cross3(ab, ac)).unit;
@@ -71,7 +71,7 @@ INLINED double3 normal_of(const corners_t *corners, const double scale)
 }
 
 // The point (u, v) of a triangle.
-INLINED double3 point_on(const corners_t *corners, const double u, const double v)
+INLINED double3 point_on(const wide_corners_t *corners, const double u, const double v)
 {
     return corners->a + (u * (corners->b - corners->a) + v * (corners->c - corners->a));
 }
@@ -84,13 +84,13 @@ INLINED double3 locate_point(
     double3 point;
     if (surfaces->kind[geometry] == KIND_SPHERES) {
         const global double *sphere = sphere_at(surfaces, geometry, prim);
-        point = load_row(sphere, 0) + sphere[3] * sphere_point(u, v);
+        point = load_wide_row(sphere, 0) + sphere[3] * sphere_point(u, v);
     } else {
-        const corners_t corners = load_corners(surfaces, geometry, prim);
+        const wide_corners_t corners = load_wide_corners(surfaces, geometry, prim);
         point = point_on(&corners, u, v);
     }
     return surfaces->is_lone
-        ? point : multiply(surfaces->linear, instance, point) + load_row(surfaces->offset, instance);
+        ? point : multiply(surfaces->linear, instance, point) + load_wide_row(surfaces->offset, instance);
 }
 
 // The unit vector along the inverse transpose of an instance's linear part times a vector of its object; and the length
@@ -106,5 +106,6 @@ INLINED direction_t turn_normal(const surfaces_t *surfaces, const int instance, 
         return same;
     }
     const global double *rows = surfaces->inverse + 9 * (long)instance;
-    return direction_of(load_row(rows, 0) * normal.x + load_row(rows, 1) * normal.y + load_row(rows, 2) * normal.z);
+    return direction_of(
+        load_wide_row(rows, 0) * normal.x + load_wide_row(rows, 1) * normal.y + load_wide_row(rows, 2) * normal.z);
 }

@@ -128,10 +128,10 @@ INLINED double3 meet_triangle(const meeting_t *meeting, double *volume)
 INLINED refined_hit_t refine_on_triangle(
     const surfaces_t *surfaces, const wide_ray_t *ray, const int instance, const int geometry, const int prim)
 {
-    const corners_t corners = load_corners(surfaces, geometry, prim);
+    const wide_corners_t corners = load_wide_corners(surfaces, geometry, prim);
     double3 a = corners.a, ab = corners.b - a, ac = corners.c - a;
     if (!surfaces->is_lone) {
-        a = multiply(surfaces->linear, instance, a) + load_row(surfaces->offset, instance);
+        a = multiply(surfaces->linear, instance, a) + load_wide_row(surfaces->offset, instance);
         ab = multiply(surfaces->linear, instance, ab);
         ac = multiply(surfaces->linear, instance, ac);
     }
@@ -155,8 +155,8 @@ INLINED refined_hit_t refine_on_sphere(
     const global double *sphere = sphere_at(surfaces, geometry, prim);
     double3 normal;
     const double t = sphere_crossing(
-        multiply(surfaces->inverse, instance, ray->origin - load_row(surfaces->offset, instance)),
-        multiply(surfaces->inverse, instance, ray->direction), load_row(sphere, 0), sphere[3], is_leaving, &normal);
+        multiply(surfaces->inverse, instance, ray->origin - load_wide_row(surfaces->offset, instance)),
+        multiply(surfaces->inverse, instance, ray->direction), load_wide_row(sphere, 0), sphere[3], is_leaving, &normal);
     const double2 uv = sphere_uv(normal);
     const refined_hit_t hit = {t, uv.x, uv.y, is_leaving ? -1.0 : 1.0};
     return hit;

@@ -35,9 +35,9 @@ typedef struct {
     double3 a;
     double3 b;
     double3 c;
-} corners_t;
+} wide_corners_t;
 
-INLINED double3 load_row(const global double *rows, const long row)
+INLINED double3 load_wide_row(const global double *rows, const long row)
 {
     return (double3)(rows[3 * row], rows[3 * row + 1], rows[3 * row + 2]);
 }
@@ -68,11 +68,11 @@ INLINED const global int *face_at(const surfaces_t *surfaces, const int geometry
 }
 
 // In the coordinates of the triangle's object.
-INLINED corners_t load_corners(const surfaces_t *surfaces, const int geometry, const int prim)
+INLINED wide_corners_t load_wide_corners(const surfaces_t *surfaces, const int geometry, const int prim)
 {
     const global int *face = face_at(surfaces, geometry, prim);
     const long first = surfaces->first_vertex[geometry];
-    const corners_t corners = {
+    const wide_corners_t corners = {
         load_vertex(surfaces, first + face[0]), load_vertex(surfaces, first + face[1]),
         load_vertex(surfaces, first + face[2])};
     return corners;

@@ -7,17 +7,14 @@
 
 kernel void any_hit(WORLD_ARGUMENTS, CAST_ARGUMENTS, global uchar *restrict blocked)
 {
-    const int ray_index = find_ray_index(get_global_id(0), get_global_id(1), ray_count, row_length);
-    if (ray_index == NO_RAY) {
-        return;
+    OPEN_BATCH;
+    const world_t world = WORLD(batch.start);
+    for (int slot = 0; slot < batch.count; slot++) {
+        global uchar *own = blocked + ray_id_of(&batch, slot);
+        WILL_WRITE(own);
+        const world_ray_t ray = load_ray(&batch, slot);
+        search_t search = make_search(1, 0);
+        traverse_world(&world, &ray, true, &search, QUERY_COUNT);
+        *own = search.count;
     }
-    const int ray_id = find_ray_id(ray_index, order);
-    const world_t world = WORLD(find_start(nodes, tiles, entry_points, TILE_INDEX));
-    if (order) {
-        WILL_WRITE(blocked + find_coming_ray_id(ray_index, ray_count, order));
-    }
-    const world_ray_t ray = load_ray(rays, lows, low_step, ray_index);
-    search_t search = make_search(1, 0);
-    traverse_world(&world, &ray, true, &search, QUERY_COUNT);
-    blocked[ray_id] = search.count;
 }

@@ -8,22 +8,17 @@
 
 kernel void closest_hit(WORLD_ARGUMENTS, CAST_ARGUMENTS, global kept_hit_t *restrict hits)
 {
-    const int ray_index = find_ray_index(get_global_id(0), get_global_id(1), ray_count, row_length);
-    if (ray_index == NO_RAY) {
-        return;
+    OPEN_BATCH;
+    const world_t world = WORLD(batch.start);
+    for (int slot = 0; slot < batch.count; slot++) {
+        global kept_hit_t *own = hits + ray_id_of(&batch, slot);
+        WILL_WRITE(own);
+        search_t search = make_search(1, 0);
+        // Before the ray is loaded and prepared: many tiles of a picture meet nothing.
+        if (!meets_nothing(&world.start)) {
+            const world_ray_t ray = load_ray(&batch, slot);
+            traverse_world(&world, &ray, true, &search, QUERY_CLOSEST);
+        }
+        *own = as_kept_hit(&search, &search.nearest);
     }
-    const int ray_id = find_ray_id(ray_index, order);
-    const world_t world = WORLD(find_start(nodes, tiles, entry_points, TILE_INDEX));
-    search_t search = make_search(1, 0);
-    // Before the ray is loaded and prepared: many tiles of a picture meet nothing.
-    if (meets_nothing(&world.start)) {
-        hits[ray_id] = as_kept_hit(&search, &search.nearest);
-        return;
-    }
-    if (order) {
-        WILL_WRITE(hits + find_coming_ray_id(ray_index, ray_count, order));
-    }
-    const world_ray_t ray = load_ray(rays, lows, low_step, ray_index);
-    traverse_world(&world, &ray, true, &search, QUERY_CLOSEST);
-    hits[ray_id] = as_kept_hit(&search, &search.nearest);
 }

@@ -9,16 +9,15 @@
 
 kernel void count_steps(WORLD_ARGUMENTS, CAST_ARGUMENTS, global steps_t *restrict steps)
 {
-    const int ray_index = find_ray_index(get_global_id(0), get_global_id(1), ray_count, row_length);
-    if (ray_index == NO_RAY) {
-        return;
-    }
+    OPEN_BATCH;
     const world_t world = WORLD(root_of(nodes));
-    const world_ray_t ray = load_ray(rays, lows, low_step, ray_index);
-    steps_t counted = {0, 0, 0, NO_PRIM};
-    search_t search = make_search(1, 0);
-    search.steps = &counted;
-    traverse_world(&world, &ray, true, &search, QUERY_CLOSEST);
-    counted.prim_id = search.nearest.prim_id;
-    steps[find_ray_id(ray_index, order)] = counted;
+    for (int slot = 0; slot < batch.count; slot++) {
+        const world_ray_t ray = load_ray(&batch, slot);
+        steps_t counted = {0, 0, 0, NO_PRIM};
+        search_t search = make_search(1, 0);
+        search.steps = &counted;
+        traverse_world(&world, &ray, true, &search, QUERY_CLOSEST);
+        counted.prim_id = search.nearest.prim_id;
+        steps[ray_id_of(&batch, slot)] = counted;
+    }
 }

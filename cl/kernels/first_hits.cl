@@ -11,18 +11,16 @@
 
 kernel void first_hits(WORLD_ARGUMENTS, CAST_ARGUMENTS, global kept_hit_t *restrict hits, const int slots)
 {
-    const int ray_index = find_ray_index(get_global_id(0), get_global_id(1), ray_count, row_length);
-    if (ray_index == NO_RAY) {
-        return;
-    }
-    const int ray_id = find_ray_id(ray_index, order);
-    const world_t world = WORLD(find_start(nodes, tiles, entry_points, TILE_INDEX));
-    const world_ray_t ray = load_ray(rays, lows, low_step, ray_index);
-    global kept_hit_t *hits_of_ray = hits + (size_t)ray_id * slots;
-    search_t search = make_search(slots, hits_of_ray);
-    traverse_world(&world, &ray, true, &search, QUERY_FIRST);
-    sort_hits(&search);
-    if (search.count < slots) {
-        hits_of_ray[search.count].prim_id = NO_PRIM;
+    OPEN_BATCH;
+    const world_t world = WORLD(batch.start);
+    for (int slot = 0; slot < batch.count; slot++) {
+        global kept_hit_t *own = hits + (size_t)ray_id_of(&batch, slot) * slots;
+        const world_ray_t ray = load_ray(&batch, slot);
+        search_t search = make_search(slots, own);
+        traverse_world(&world, &ray, true, &search, QUERY_FIRST);
+        sort_hits(&search);
+        if (search.count < slots) {
+            own[search.count].prim_id = NO_PRIM;
+        }
     }
 }

@@ -4,7 +4,7 @@
 // found[ray_count]             with a lone shape
 // found_in_world[ray_count]    the same buffer, with any other world
 // vertices, ..., is_lone       of the surfaces, see hits/surfaces.cl
-// t[], u[], v[], is_front[], prim_id[], instance_id[], geometry_id[]    written, from the first ray on, axes[0]
+// t[], u[], v[], is_front[], prim_id[], instance_id[], geometry_id[]    written, from the number of the first ray on, axes[0]
 //
 // Work-items: (ray_count), rounded up to whole work-groups.
 
@@ -40,8 +40,9 @@ kernel void refine_hits(
         return;
     }
     const int instance = is_lone ? 0 : found_in_world[index].instance_id;
-    const wide_ray_t ray = load_wide_ray(
-        origins, directions, doubles, axes, axis_count, t_mins, t_maxs, each_limit, index);
+    const ray_arrays_t arrays = ARRAYS;
+    const ray_place_t place = find_ray_place(&arrays, index);
+    const wide_ray_t ray = load_wide_ray(&arrays, &place);
     surfaces_t surfaces;
     surfaces.vertices = vertices;
     surfaces.has_doubles = has_doubles;

@@ -21,20 +21,5 @@ INLINED int find_ray_index(const int column, const int row, const int ray_count,
     return column >= row_length || ray_index >= ray_count ? NO_RAY : ray_index;
 }
 
-// The ray_id of a ray of the batch.
-INLINED int find_ray_id(const int ray_index, const global int *order)
-{
-    return order ? order[ray_index] : ray_index;
-}
-
-// Sorted rays write their results all over memory: a result is asked for this many rays before it is written.
-#define WRITE_AHEAD_RAYS 12
-
-// The ray_id of a ray of the batch that comes later.
-INLINED int find_coming_ray_id(const int ray_index, const int ray_count, const global int *order)
-{
-    return order[min(ray_index + WRITE_AHEAD_RAYS, ray_count - 1)];
-}
-
 // The index of this work-item's tile; for kernels.
 #define TILE_INDEX ((int)(get_group_id(1) * get_num_groups(0) + get_group_id(0)))

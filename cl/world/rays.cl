@@ -1,4 +1,5 @@
-// A batch of rays in memory that are cast at a world; rays/batch.cl tells how it is laid out.
+// A batch of rays in memory that are cast at a world; rays/batch.cl tells how it is laid out. Here a work-item casts one
+// ray; on the host it casts those of a tile, see on_host/world/rays.cl, whose functions have the same names.
 //
 // Arguments that the kernels of rays share:
 //
@@ -27,14 +28,45 @@
 // Prefetch distance in rays: in the same row of a picture, three tiles on.
 #define PREFETCH_RAYS 24
 
-// Loads a ray of the batch, and asks for a later one.
-INLINED world_ray_t load_ray(
-    const global packed_ray_t *rays, const global ray_rest_t *lows, const int low_step, const int ray_index)
+// The rays of a work-item, and where they begin.
+typedef struct {
+    start_t start;
+    int count;
+    int ray_index;
+    const global packed_ray_t *rays;
+    const global ray_rest_t *lows;
+    int low_step;
+    const global int *order;
+} batch_t;
+
+INLINED batch_t make_batch(
+    const start_t start, const int ray_index, const global packed_ray_t *rays, const global ray_rest_t *lows,
+    const int low_step, const global int *order)
 {
-    WILL_READ(rays + ray_index + PREFETCH_RAYS);
+    const batch_t batch = {start, ray_index == NO_RAY ? 0 : 1, ray_index, rays, lows, low_step, order};
+    return batch;
+}
+
+// Declares the `batch` of a work-item, from the arguments that kernels share.
+#define OPEN_BATCH \
+    const batch_t batch = make_batch( \
+        find_start(nodes, tiles, entry_points, TILE_INDEX), \
+        find_ray_index(get_global_id(0), get_global_id(1), ray_count, row_length), rays, lows, low_step, order)
+
+// The number by which the results of a ray are written.
+INLINED int ray_id_of(const batch_t *batch, const int slot)
+{
+    return batch->order ? batch->order[batch->ray_index] : batch->ray_index;
+}
+
+// Loads a ray of the batch, and asks for a later one.
+INLINED world_ray_t load_ray(const batch_t *batch, const int slot)
+{
+    const global packed_ray_t *ray = batch->rays + batch->ray_index;
+    WILL_READ(ray + PREFETCH_RAYS);
 #if LONE && !EXACT
-    return unpack_ray(rays + ray_index);
+    return unpack_ray(ray);
 #else
-    return unpack_ray_pair(rays + ray_index, lows + low_step * ray_index);
+    return unpack_ray_pair(ray, batch->lows + batch->low_step * batch->ray_index);
 #endif
 }

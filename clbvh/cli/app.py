@@ -18,7 +18,7 @@ EXIT_NO_DEVICE = 3
 
 # Each is a function in a module of its name, which is imported when the verb is needed.
 VERBS = (
-    "render", "view", "images", "turntable", "sheet", "stats", "shard", "fetch", "devices", "doctor", "tune", "study",
+    "render", "view", "images", "turntable", "sheet", "stats", "shard", "fetch", "devices", "doctor", "study",
     "warmup",
 )  # fmt: skip
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from . import options
 from .tables import make_table, print_json, print_notes
@@ -32,7 +32,7 @@ def devices(*, as_json: options.AsJson = False) -> None:
         reason = str(error)
 
     if as_json:
-        listed = [describe_device(device) | {"is_default": device == default} for device in survey.devices]
+        listed = [device.as_dict() | {"is_default": device == default} for device in survey.devices]
         print_json({"devices": listed, "problems": list(survey.problems)})
     elif survey.devices:
         _print_table(survey.devices, default)
@@ -43,13 +43,6 @@ def devices(*, as_json: options.AsJson = False) -> None:
     print_notes(filter(None, [*survey.problems, reason]))
     if not any(device.is_available for device in survey.devices):
         raise DeviceError("no device can be used: run `clbvh doctor` to find the cause")
-
-
-def describe_device(device: DeviceInfo) -> dict[str, Any]:
-    """Return the facts about a device for JSON, with the layout that it would use."""
-    from ..device.settings import find_settings
-
-    return device.as_dict() | {"layout": find_settings(device).layout}
 
 
 def _print_table(devices: tuple[DeviceInfo, ...], default: DeviceInfo | None) -> None:
@@ -79,8 +72,6 @@ def _print_table(devices: tuple[DeviceInfo, ...], default: DeviceInfo | None) ->
 def _describe_row(device: DeviceInfo, is_default: bool) -> tuple[str, ...]:
     from rich.markup import escape
 
-    from ..device.settings import find_settings
-
     name = device.name if device.is_available else f"{device.name} (not available)"
     # Drivers append a text to "OpenCL" and its number.
     version = re.match(r"OpenCL \d+\.\d+", device.version)
@@ -94,5 +85,5 @@ def _describe_row(device: DeviceInfo, is_default: bool) -> tuple[str, ...]:
         f"{size / _GIB:.1f} GiB" if size >= _GIB else f"{size / _MIB:.0f} MiB",
         str(device.compute_units),
         "yes" if device.has_fp64 else "no",
-        find_settings(device).layout,
+        device.layout,
     )

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from . import options
-from .devices import describe_device
 from .tables import print_json
 
 if TYPE_CHECKING:
@@ -67,7 +66,7 @@ def doctor(
     findings, trials = diagnose(timeout_s)
     working_count = sum(not trial.error for trial in trials)
     if as_json:
-        devices = [describe_device(info) | {"works": not error, "error": error} for info, error, _ in trials]
+        devices = [info.as_dict() | {"works": not error, "error": error} for info, error, _ in trials]
         report = {"works": working_count > 0, "findings": [vars(finding) for finding in findings], "devices": devices}
         print_json(report | ({"dry_run": dry_run, "steps": [vars(step) for step in steps]} if fix else {}))
     else:
@@ -103,7 +102,7 @@ def _check_conformance(spec: str | None, meshes: list[str], as_json: bool) -> No
 
     result = check_device(choose_device(spec), meshes=meshes)
     if as_json:
-        print_json({"device": describe_device(result.device), **result.as_dict()})
+        print_json({"device": result.device.as_dict(), **result.as_dict()})
     else:
         total = sum(result.compared.values())
         print(f"{result.device}: {total - len(result.differences)} of {total} parts of the stored answers are equal")

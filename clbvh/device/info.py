@@ -89,7 +89,7 @@ class DeviceInfo:
 
     @property
     def layout(self) -> str:
-        """The tree layout that suits this kind of device; a session uses the measured one, if there is one."""
+        """The tree layout that suits this kind of device."""
         # A CPU's vector unit works within a work-item, a GPU's across work-items.
         return "bvh8" if self.kind == "cpu" else "bvh2"
 

@@ -30,10 +30,14 @@ class Kernel:
         InternalError
             A name is missing, or the kernel has no argument of that name.
         """
-        if len(arguments) != len(self.argument_names) or not all(name in arguments for name in self.argument_names):
-            differing = sorted(arguments.keys() ^ set(self.argument_names))
+        names = self.argument_names
+        try:
+            values = [arguments[name] for name in names]
+        except KeyError:
+            values = []
+        if len(values) != len(arguments):
+            differing = sorted(arguments.keys() ^ set(names))
             raise InternalError(
-                f"the kernel '{self.name}' takes {', '.join(self.argument_names)}: missing or unknown are "
-                f"{', '.join(differing)}"
+                f"the kernel '{self.name}' takes {', '.join(names)}: missing or unknown are {', '.join(differing)}"
             )
-        return [arguments[name] for name in self.argument_names]
+        return values

@@ -1,8 +1,7 @@
 """The devices of this machine: their order, and the choice of one by a number, a kind or a part of a name.
 
 The host is number 0, and the default where there is no GPU; then OpenCL is not even asked. The others are numbered by
-preference: of several drivers for the same hardware, the fastest by `clbvh tune` comes first; without its measurements,
-the order is that of docs/devices.md. Names of platforms and devices are matched apart, because a driver for the CPU
+preference, see docs/devices.md. Names of platforms and devices are matched apart, because a driver for the CPU
 puts the processor's brand into the device's name ("cpu-sapphirerapids-Intel(R) Xeon(R)" is PoCL): the maker's name
 alone means that maker's driver or graphics card.
 
@@ -14,7 +13,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -24,7 +23,6 @@ from .context import check_process, claim_opencl
 from .driver_files import added_drivers, may_serve_gpus, prepare_pocl_folder
 from .host.info import describe_host
 from .info import HOST_PLATFORM, DeviceInfo
-from .settings import find_settings
 
 DEVICE_VARIABLE = "CLBVH_DEVICE"
 
@@ -97,7 +95,7 @@ def survey_devices() -> DeviceSurvey:
             devices += ask()
         except (DeviceError, KernelBuildError) as error:
             problems.append(str(error))
-    return DeviceSurvey(number_devices(devices, lambda device: find_settings(device).measured_ms), tuple(problems))
+    return DeviceSurvey(number_devices(devices), tuple(problems))
 
 
 def _ask_platforms(problems: list[str]) -> list[DeviceInfo]:
@@ -161,8 +159,8 @@ def choose_device(spec: Any = None) -> DeviceInfo:
         ``"accelerator"``; a part of the name of a device or its platform, in upper or lower case, as in ``"pocl"``; or
         both, as in ``"intel gpu"``. The maker of a processor, as in ``"intel"``, means that maker's driver or graphics
         card, not the processor under another driver. Without it the environment variable ``CLBVH_DEVICE`` decides, and
-        without that the best device is taken: a GPU, else an accelerator, else the host; of one kind the fastest that
-        `clbvh tune` measured. A `pyopencl.Device` may also be a part of one, as `create_sub_devices` returns them.
+        without that the best device is taken: a GPU, else an accelerator, else the host. A
+        `pyopencl.Device` may also be a part of one, as `create_sub_devices` returns them.
 
     Raises
     ------
@@ -302,39 +300,13 @@ def _tidy(text: str) -> str:
     return " ".join(text.replace("\0", " ").split())
 
 
-def number_devices(
-    devices: Sequence[DeviceInfo], measured_ms: Callable[[DeviceInfo], float | None] = lambda _: None
-) -> tuple[DeviceInfo, ...]:
+def number_devices(devices: Sequence[DeviceInfo]) -> tuple[DeviceInfo, ...]:
     """Sort the devices by preference and number them.
 
     The order of the platforms is the order of files in a folder, which differs between machines and installations; so
     it decides only between devices that are equal in everything else.
-
-    Parameters
-    ----------
-    devices : sequence of DeviceInfo
-    measured_ms : function
-        Returns the time that `clbvh tune` kept for a device; None without it.
     """
-    ordered = sorted(devices, key=_preference)
-    for kind in KINDS:
-        _sort_measured(ordered, kind, measured_ms)
-    return tuple(replace(device, number=number) for number, device in enumerate(ordered))
-
-
-def _sort_measured(ordered: list[DeviceInfo], kind: str, measured_ms: Callable[[DeviceInfo], float | None]) -> None:
-    """Reorder the measured devices of a kind among their own indices, the fastest first.
-
-    Kinds are not compared: only kernels were timed, without the transfers to a graphics card. A device that was not
-    measured keeps its index, and so does the host.
-    """
-    alike = [index for index, device in enumerate(ordered) if device.kind == kind and not device.is_host]
-    usable = [index for index in alike if _is_usable(ordered[index])]
-    times = {index: measured_ms(ordered[index]) for index in usable} if len(usable) > 1 else {}
-    known = {index: ms for index, ms in times.items() if ms is not None}
-    fastest_first = [ordered[index] for index in sorted(known, key=known.__getitem__)]
-    for index, device in zip(sorted(known), fastest_first, strict=True):
-        ordered[index] = device
+    return tuple(replace(device, number=number) for number, device in enumerate(sorted(devices, key=_preference)))
 
 
 def _is_usable(device: DeviceInfo) -> bool:

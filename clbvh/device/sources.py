@@ -58,6 +58,12 @@ def expand_shipped(name: str) -> str:
     return expand_source(name)
 
 
+@cache
+def expand_for_host(name: str) -> str:
+    """Return the same as the host has it: a file below ``cl/on_host`` takes the place of the one of its name."""
+    return expand_source(name, find_folder("cl") / "on_host")
+
+
 def _expand(name: str, roots: list[Path], seen: set[str]) -> Iterator[str]:
     """Yield the lines of a file, unless it was seen before."""
     if name in seen:

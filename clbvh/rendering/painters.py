@@ -245,8 +245,6 @@ class OneRayPainter:
     ----------
     session : DeviceSession
     world : World
-    tile : (int, int), optional
-        Columns and rows of a work-group; by default those of the device's settings.
     colours : (n, 3) float, optional
         Linear colours of the instances; NaN, and by default: that of the view.
     parts : mapping of str to int
@@ -269,7 +267,6 @@ class OneRayPainter:
         self,
         session: DeviceSession,
         world: World,
-        tile: tuple[int, int] | None = None,
         colours: NDArray[np.floating] | None = None,
         parts: Mapping[str, int] = NO_PARTS,
     ) -> None:
@@ -277,7 +274,7 @@ class OneRayPainter:
         has_own = ~np.isnan(own).any(axis=1, keepdims=True)
         rows = np.concatenate((np.where(has_own, own, 0.0), has_own), axis=1).astype(np.float32)
         self._arguments = world.arguments | {"instance_colours": session.upload(rows)}
-        self._tile = tile or session.settings.tile
+        self._tile = session.settings.tile
         self._kernel = session.kernel("render", {**world.defines, **parts})
         self._entry_points = _ViewEntryPoints(session, world, self._tile, 0.0)
 
@@ -529,7 +526,7 @@ class Painters:
         parts = {"HAS_CUT": int(view.cut is not None), "HAS_WIREFRAME": int(view.wireframe is not None)}
         with self._lock:
             if view.shading in REPORT_SHADINGS:
-                make = partial(OneRayPainter, self._session, self._world, None, self._scene.looks.colours, parts)
+                make = partial(OneRayPainter, self._session, self._world, self._scene.looks.colours, parts)
                 return _keep(self._known, ("one ray", *parts.values()), make)
             is_path = view.shading == "path"
             if is_path:

@@ -576,7 +576,7 @@ class Renderer(ContextManager):
 
         def cast(t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf) -> Hits:
             rays = read_rays(origins, directions, np.where(is_seen, t_min, 0.0), np.where(is_seen, t_max, 0.0))
-            return find_closest_hits(frames.caster, *rays, None)
+            return find_closest_hits(frames.caster, rays, None)
 
         if view.cut is None:
             return cast()

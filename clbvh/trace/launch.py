@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..device.kernel import Kernel
+from ..device.host.library import HostKernel
 from ..device.radix_sort import sort_pairs
 from ..device.session import DeviceSession
 from ..support.context_manager import ContextManager
@@ -36,11 +36,14 @@ class Query(NamedTuple):
         Name of the argument for the results.
     dtype : numpy.dtype or None
         Of one result; None: hits, see `World.hit_dtype`.
+    more_on_host : mapping of str to None
+        Further arguments that the host's kernel has, and that are not needed.
     """
 
     kernel: str
     results: str
     dtype: np.dtype | None = None
+    more_on_host: Mapping[str, None] = MappingProxyType({})
 
 
 # A batch that does not fit the device is cut into halves again and again, down to 1,024 of `CHUNK_RAYS`.
@@ -68,6 +71,10 @@ class Batch(NamedTuple):
         What a kernel is told about the batch, by the names of its arguments.
     arrays : mapping of str to argument
         The same of rays in arrays on the device, see cl/rays/arrays.cl; empty of any other batch.
+    check : function
+        Called after a launch on the host; raises for bad rays.
+    used
+        Of the host: arrays whose addresses are among the arguments.
     """
 
     item_count: int
@@ -75,6 +82,8 @@ class Batch(NamedTuple):
     work_group: tuple[int, int]
     arguments: Mapping[str, Any]
     arrays: Mapping[str, Any] = MappingProxyType({})
+    check: Callable[[], object] = bool
+    used: Any = None
 
 
 class Caster(ContextManager):
@@ -101,7 +110,8 @@ class Caster(ContextManager):
         self.world = world
         self.threads = session.threads
         self.calls = RunningCalls(session, owner)
-        self._kernels: dict[tuple[Any, ...], Kernel] = {}
+        self._kernels: dict[tuple[Any, ...], Any] = {}
+        self._kernels_at_world: dict[str, HostKernel] = {}
         self._lock = make_lock()
         self.halvings = 0  # of the usual batch, since the device did not hold it
         self.others: tuple[Caster, ...] = ()
@@ -110,7 +120,7 @@ class Caster(ContextManager):
     def at(self, world: World) -> Caster:
         """Return a caster at another world, which shares all else with this one."""
         caster = copy(self)
-        caster.world = world
+        caster.world, caster._kernels_at_world = world, {}
         return caster
 
     def beside(self, others: Iterable[Caster]) -> Caster:
@@ -158,12 +168,29 @@ class Caster(ContextManager):
         self.calls.release_idle()
         return True
 
-    def kernel(self, name: str) -> Kernel:
+    def kernel(self, name: str) -> Any:
         """Return a kernel, compiled when first asked for."""
         key = name, *self.world.defines.items()
         if key not in self._kernels:
             self._kernels[key] = self.session.kernel(name, self.world.defines)
         return self._kernels[key]
+
+    def kernel_at_world(self, name: str) -> tuple[HostKernel, list[Any]]:
+        """Return a kernel of the host that is told of the world, and what is to be kept as long as it runs.
+
+        Raises
+        ------
+        QueryError
+            The world is no longer on the device.
+        """
+        if name not in self._kernels_at_world:
+            self.calls.check_open()
+            self._kernels_at_world[name] = self.kernel(name).with_first(self.world.arguments)
+        kernel = self._kernels_at_world[name]
+        # Another thread may give the buffers back from here on: what is held stays.
+        used = kernel.hold()
+        self.calls.check_open()
+        return kernel, used
 
     def close(self) -> None:
         """Give the memory of all devices back, after the calls of other threads have ended."""
@@ -292,5 +319,7 @@ class Call(MemoryLoan):
         self.session.run(
             self.caster.kernel(query.kernel), batch.work_size, batch.work_group,
             **self.world.arguments, **batch.arguments, **{query.results: results}, **arguments,
+            **(query.more_on_host if self.session.info.is_host else {}),
         )  # fmt: skip
+        batch.check()
         return results

@@ -19,9 +19,10 @@ from ..device.info import DeviceInfo
 from ..geometry.arrays import is_device_array, wait_for
 from ..structs import FAR_RADII, NEAR_SHARE, PACKED_RAY, RAY_LOW, STEPS
 from ..support.say_once import say_once
+from .host_rays import check_rays_here, describe_rays
 from .launch import Batch, Call, Caster, Query
-from .rays.batch import Broadcast, DeviceRays, RayBatch, RayRows, read_vectors
-from .rays.pack import ALL_VISIBLE, explain_bad_ray, find_shared_low, pack_rays
+from .rays.batch import Broadcast, RayBatch, RayRows, read_vectors
+from .rays.pack import explain_bad_ray, find_shared_low, pack_rays
 from .rays.pieces import CHUNK_RAYS, MOST_SAMPLED_BYTES, Progress, RayPiece, cut_points, cut_rays
 from .world.starts import AT_THE_ROOT, TILE_KERNEL, find_entry_points
 from .world.tree_box import TreeBox
@@ -74,18 +75,17 @@ def host_packs(info: DeviceInfo) -> bool:
 
 
 def cut_batch(
-    call: Call, batch: RayBatch | DeviceRays, shape: tuple[int, ...] = (), *, part: range | None = None,
-    most_rays: int = 0, progress: Progress | None = None,
-) -> Iterator[RayPiece]:  # fmt: skip
+    call: Call, batch: RayBatch, *, part: range | None = None, most_rays: int = 0, progress: Progress | None = None
+) -> Iterator[RayPiece]:
     """Yield the pieces in which a call casts a batch of rays; see `pieces.cut_rays`."""
     world = call.world
-    if isinstance(batch, DeviceRays):
+    if batch.is_on_device:
         most = call.fit(PACKED_RAY, CHUNK_RAYS)
         chunks = cut_points(part or range(batch.ray_count), most_points=most, progress=progress)
         return (RayPiece(begin, end) for begin, end in chunks)
     is_small = world.memory_bytes <= MOST_SAMPLED_BYTES
     return cut_rays(
-        batch, world.box, call.order_by_keys, shape=shape, tile_rows=call.session.settings.tile[1],
+        batch, world.box, call.order_by_keys, tile_rows=call.session.settings.tile[1],
         finds_pictures=world.has_entry_points, chunk_limit=call.fit(PACKED_RAY, CHUNK_RAYS), most_rays=most_rays,
         part=part, count_steps=partial(_count_steps, call) if is_small else None, progress=progress,
     )  # fmt: skip
@@ -99,13 +99,13 @@ def _count_steps(call: Call, batch: RayBatch) -> float:
         return float(steps["node_steps"].mean() + steps["leaf_visits"].mean())
 
 
-def put_rays(call: Call, batch: RayBatch | DeviceRays, piece: RayPiece, *, in_ray_order: bool = True) -> Batch:
-    """Put the rays of a piece on the device.
+def put_rays(call: Call, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool = True) -> Batch:
+    """Put the rays of a piece on the device; the host casts them where they are.
 
     Parameters
     ----------
     call : Call
-    batch : RayBatch or DeviceRays
+    batch : RayBatch
     piece : RayPiece
         Of the batch.
     in_ray_order : bool
@@ -117,12 +117,16 @@ def put_rays(call: Call, batch: RayBatch | DeviceRays, piece: RayPiece, *, in_ra
     QueryError
         As `pack_rays`.
     """
+    if call.session.info.is_host:
+        here = describe_rays(call.caster.at(call.world), batch, piece, in_ray_order=in_ray_order)
+        check = partial(check_rays_here, call.world, batch, piece, here.bad)
+        return Batch(piece.ray_count, here.work_size, (1, 1), here.as_arguments(), check=check, used=here.used)
     count, settings = piece.ray_count, call.session.settings
     row_length = piece.row_length or count
     work_size = row_length, -(-count // row_length)
     work_group = settings.tile if piece.row_length else (settings.work_group_size, 1)
     arrays: dict[str, Any] = {}
-    if isinstance(batch, DeviceRays):
+    if batch.is_on_device:
         arrays = _put_arrays(call, batch, piece)
         rays = _pack_on_device(call, batch, piece, arrays)
     else:
@@ -138,42 +142,42 @@ def put_rays(call: Call, batch: RayBatch | DeviceRays, piece: RayPiece, *, in_ra
     return Batch(count, work_size, work_group, described | starts | {"order": order}, arrays)
 
 
-def _put_arrays(call: Call, rays: DeviceRays, piece: RayPiece) -> dict[str, Any]:
+def _put_arrays(call: Call, batch: RayBatch, piece: RayPiece) -> dict[str, Any]:
     """Return what kernels are told of rays in arrays, see cl/rays/arrays.cl."""
-    axes, limits = rays.axes(piece.begin), (rays.t_min, rays.t_max)
-    t_mins, t_maxs = (each.part(piece.begin, piece.end, np.dtype(np.float64)) for each in limits)
+    origins, directions, t_mins, t_maxs, masks = batch.arrays
+    given: dict[str, NDArray[Any]] = {"t_mins": t_mins, "t_maxs": t_maxs, "masks": masks}
+    parts = {
+        name: Broadcast.to_shape(values, 0, batch.shape).part(piece.begin, piece.end, values.dtype)
+        for name, values in given.items()
+    }
+    axes = batch.device_axes(piece.begin, [*parts.values()])
     return {
-        "origins": call.session.memory_of(rays.origins),
-        "directions": call.session.memory_of(rays.directions),
-        "doubles": np.int32((rays.origins.dtype.itemsize == 8) + 2 * (rays.directions.dtype.itemsize == 8)),
+        "origins": call.session.memory_of(origins),
+        "directions": call.session.memory_of(directions),
+        "doubles": np.int32(batch.doubles),
         "axes": call.put("axes", axes),
         "axis_count": np.int32(len(axes) - 2),
-        "t_mins": call.put("t_mins", t_mins),
-        "t_maxs": call.put("t_maxs", t_maxs),
-        "each_limit": np.int32((len(t_mins) > 1) + 2 * (len(t_maxs) > 1)),
         "ray_count": np.int32(piece.ray_count),
+        **{name: call.put(name, part) for name, part in parts.items()},
     }
 
 
-def _pack_on_device(call: Call, rays: DeviceRays, piece: RayPiece, arrays: dict[str, Any]) -> dict[str, Any]:
+def _pack_on_device(call: Call, batch: RayBatch, piece: RayPiece, arrays: dict[str, Any]) -> dict[str, Any]:
     """Return the buffers of rays in arrays, by the names of the kernels' arguments, once the device has packed them."""
     world, session, count = call.world, call.session, piece.ray_count
     packed = call.take("rays", count * PACKED_RAY.itemsize, for_mapping=True)
     low = world.low_dtype
     lows = None if low is None else call.take("lows", count * low.itemsize, for_mapping=True)
-    every = Broadcast.of_one(np.array([ALL_VISIBLE]), rays.shape)
-    masks = (rays.mask or every).part(piece.begin, piece.end, np.dtype(np.uint32))
     bad = np.array([count], np.int32)
     bad_buffer = call.put("bad", bad)
     kernel = session.kernel("pack_rays", {"EXACT": 1} if world.is_exact else {})
     session.run(
         kernel, (count,), (session.settings.work_group_size,), **arrays,
-        box=call.put("box", world.box.as_numbers()),
-        masks=call.put("masks", masks), mask_step=np.int32(len(masks) > 1), rays=packed, lows=lows, bad=bad_buffer,
+        box=call.put("box", world.box_numbers), rays=packed, lows=lows, bad=bad_buffer,
     )  # fmt: skip
     session.download(bad_buffer, bad)
     if bad[0] < count:
-        raise explain_bad_ray(rays.to_host(), piece.begin + int(bad[0]))
+        raise explain_bad_ray(batch, piece.begin + int(bad[0]))
     return {"rays": packed, "lows": lows, "low_step": np.int32(low is not None)}
 
 
@@ -221,13 +225,13 @@ def _make_packer(batch: RayBatch, piece: RayPiece, box: TreeBox) -> Callable[...
     """Return a function that packs a range of the piece's rays, given its begin, its end, and where they go."""
     if piece.order is None:
         return partial(_pack_in_order, batch, piece.begin, box)
-    return partial(_pack_by, piece.order, batch, batch.part(piece.begin, piece.end), piece.begin, box)
+    return partial(_pack_by, piece.order, batch, batch.rows.part(piece.begin, piece.end), piece.begin, box)
 
 
 def _pack_in_order(
     batch: RayBatch, begin: int, box: TreeBox, first: int, last: int, packed: NDArray[np.void], **lows: Any
 ) -> bool:
-    rays = batch.part(begin + first, begin + last)
+    rays = batch.rows.part(begin + first, begin + last)
     return pack_rays(batch, rays, box, packed, first_ray=begin + first, **lows)
 
 

@@ -19,7 +19,7 @@ from ..device.session import DeviceSession
 from ..errors import DeviceError, DeviceMemoryError, DeviceWarning, KernelBuildError, shorten_message
 from ..support.host_threads import side_by_side
 from .launch import Call, Caster
-from .rays.batch import RayBatch, Rays
+from .rays.batch import RayBatch
 from .rays.pieces import Progress, find_rows
 from .world.world import World
 
@@ -150,12 +150,11 @@ def cast_ranges(
     leave_out(caster, ranges.failed)
 
 
-def cast_rays(caster: Caster, batch: Rays, shape: tuple[int, ...], cast: CastRange, progress: Progress | None) -> None:
+def cast_rays(caster: Caster, batch: RayBatch, cast: CastRange, progress: Progress | None) -> None:
     """Cast a batch of rays, see `cast_ranges`; a picture is cut between rows of tiles."""
 
     def find_step() -> int:
-        assert isinstance(batch, RayBatch)  # others are in arrays on the only device
-        return (find_rows(batch, shape) or 1) * max(each.session.settings.tile[1] for each in caster.working)
+        return (find_rows(batch) or 1) * max(each.session.settings.tile[1] for each in caster.working)
 
     cast_ranges(caster, batch.ray_count, cast, progress, find_step=find_step)
 

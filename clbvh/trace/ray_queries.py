@@ -102,13 +102,13 @@ class RayQueries(Moves):
         """
         if out not in ("host", "device"):
             raise ConfigError(f"out must be 'host' or 'device', not {out!r}")
-        caster, batch, shape = self._read_rays(
+        caster, batch = self._read_rays(
             origins, directions, t_min, t_max, mask, are_refined=True, to_device=out == "device"
         )
-        if isinstance(batch, RayBatch):
-            hits = find_closest_hits(caster, batch, shape, progress)
+        if not batch.is_on_device:
+            hits = find_closest_hits(caster, batch, progress)
             return hits if out == "host" else put_hits(caster.working[0].session, hits)
-        found = find_hits_on_device(caster, batch, shape, progress)
+        found = find_hits_on_device(caster, batch, progress)
         return found if out == "device" else download_hits(caster, found)
 
     def closest_prim(
@@ -132,8 +132,8 @@ class RayQueries(Moves):
         >>> clbvh.Tracer(square).closest_prim([[0.7, 0.2, 1], [0.2, 0.7, 1]], [[0, 0, -1], [0, 0, 1]])
         array([ 0, -1], dtype=int32)
         """
-        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        return find_closest_prims(caster, batch, shape, progress)
+        caster, batch = self._read_rays(origins, directions, t_min, t_max, mask)
+        return find_closest_prims(caster, batch, progress)
 
     def any_hit(
         self,
@@ -161,8 +161,8 @@ class RayQueries(Moves):
         >>> tracer.any_hit(start, end - start, t_max=1)
         array([ True, False])
         """
-        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        return find_any_hits(caster, batch, shape, progress)
+        caster, batch = self._read_rays(origins, directions, t_min, t_max, mask)
+        return find_any_hits(caster, batch, progress)
 
     def count_hits(
         self,
@@ -188,8 +188,8 @@ class RayQueries(Moves):
         array([2, 1], dtype=int32)
         """
         limit = check_max_hits(max_hits)
-        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        return count_hits(caster, batch, shape, limit, progress)
+        caster, batch = self._read_rays(origins, directions, t_min, t_max, mask)
+        return count_hits(caster, batch, limit, progress)
 
     def all_hits(
         self,
@@ -228,28 +228,29 @@ class RayQueries(Moves):
         limit = check_max_hits(max_hits)
         # Sorted and refined on the host.
         origins, directions = read_vectors(origins, "origins"), read_vectors(directions, "directions")
-        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        return find_all_hits(caster, batch, shape, limit, progress, with_locations=with_locations)
+        caster, batch = self._read_rays(origins, directions, t_min, t_max, mask)
+        return find_all_hits(caster, batch, limit, progress, with_locations=with_locations)
 
     def _read_rays(
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None, *,
         are_refined: bool = False, to_device: bool = False,
-    ) -> tuple[Caster, Any, tuple[int, ...]]:  # fmt: skip
-        """Return rays as a `RayBatch` or as `DeviceRays`, with the caster that casts them.
+    ) -> tuple[Caster, RayBatch]:  # fmt: skip
+        """Return rays, in the host's memory or on the caster's device, with the caster that casts them.
 
         What has no instances on the device is seen by every mask but 0.
         """
         # Read once, because an update may replace it by one that masks differently.
         caster, read = self._caster, cast(Callable[..., Any], read_rays)
-        if to_device or is_device_array(origins) or is_device_array(directions):
+        are_usual = type(origins) is type(directions) is np.ndarray
+        if to_device or not (are_usual or not (is_device_array(origins) or is_device_array(directions))):
             first = caster.working[0].beside(())
             if (vectors := put_vectors(first, origins, directions, are_refined=are_refined)) is not None:
                 caster, read, (origins, directions) = first, read_device_rays, vectors
-        batch, shape = read(origins, directions, t_min, t_max, mask)
-        if batch.mask is not None and caster.world.is_lone:
+        batch = read(origins, directions, t_min, t_max, mask)
+        if mask is not None and caster.world.is_lone:
             t_max = np.where(np.asarray(on_host(mask)) == 0, -np.inf, on_host(t_max))
-            batch, shape = read(origins, directions, t_min, t_max)
-        return caster, batch, shape
+            batch = read(origins, directions, t_min, t_max)
+        return caster, batch
 
 
 def check_max_hits(max_hits: int | None) -> int | None:

@@ -90,6 +90,11 @@ class RunningCalls:
         self._closing: set[int] = set()  # threads that wait in `close`
         renew_in_child(self)
 
+    def check_open(self) -> None:
+        """Raise `QueryError` if the tree is no longer on the device."""
+        if self.is_closed or self._tree_session.is_closed:
+            raise QueryError(f"the {self._owner} is closed: its tree is no longer on the device")
+
     def begin(self, call: object) -> CallMemory:
         """Let a call begin, and lend it memory; `end` takes it back, also after an error here.
 
@@ -102,8 +107,7 @@ class RunningCalls:
         """
         self._tree_session.check_process()
         with self._lock:
-            if self.is_closed or self._tree_session.is_closed:
-                raise QueryError(f"the {self._owner} is closed: its tree is no longer on the device")
+            self.check_open()
             self._drop_lost_loans()
             loan = _Loan(ref(call), threading.get_ident(), self._idle.pop() if self._idle else None)
             self._loans[id(call)] = loan

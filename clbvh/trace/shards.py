@@ -202,7 +202,7 @@ class ShardedTracer(ContextManager):
         >>> hits.t.round(2), hits.normals.round(1)[1]
         (array([4.  , 4.03]), array([0. , 0.2, 1. ]))
         """
-        batch, shape = read_rays(origins, directions, t_min, t_max)
+        batch = read_rays(origins, directions, t_min, t_max)
         count = batch.ray_count
         check_room(count, _HIT_BYTES)
         hits = RefinedHits.make(count)
@@ -210,7 +210,7 @@ class ShardedTracer(ContextManager):
         device_t = np.full(count, np.inf, np.float32)
         compare, visit = partial(_compare_rays, self._session), partial(_cast_closest, device_t=device_t, hits=hits)
         self._visit(batch, compare, device_t, visit)
-        return hits.as_hits(shape, ShardedSurface(self.shards))
+        return hits.reshape(*batch.shape).as_hits(ShardedSurface(self.shards))
 
     def closest_prim(
         self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
@@ -264,17 +264,17 @@ class ShardedTracer(ContextManager):
         array([2, 0], dtype=int32)
         """
         limit = check_max_hits(max_hits)
-        batch, shape = read_rays(origins, directions, t_min, t_max)
+        batch = read_rays(origins, directions, t_min, t_max)
         counts, most = np.zeros(batch.ray_count, np.int32), limit or NO_LIMIT
         limits = np.full(batch.ray_count, np.inf, np.float32)
 
         def count(caster: Caster, prim_ids: NDArray[np.int32], part: RayBatch, rays: NDArray[np.int64]) -> None:
-            found = count_hits(caster, part, rays.shape, limit, None)
+            found = count_hits(caster, part, limit, None)
             counts[rays] += np.minimum(found, most - counts[rays])
             limits[rays[counts[rays] == most]] = -np.inf
 
         self._visit(batch, partial(_compare_rays, self._session), limits, count)
-        return counts.reshape(shape)
+        return counts.reshape(batch.shape)
 
     def all_hits(
         self,
@@ -298,7 +298,7 @@ class ShardedTracer(ContextManager):
         array([4.03, 5.97])
         """
         limit = check_max_hits(max_hits)
-        batch, _ = read_rays(origins, directions, t_min, t_max)
+        batch = read_rays(origins, directions, t_min, t_max)
         limits = np.full(batch.ray_count, np.inf, np.float32)
         parts = [(np.empty(0, np.int64), np.empty(0, np.float32), RefinedHits.make(0))]
         self._visit(batch, partial(_compare_rays, self._session), limits, partial(_cross, limit=limit, parts=parts))
@@ -313,7 +313,7 @@ class ShardedTracer(ContextManager):
         t, u, v, is_front, prim_id, instance_id = hits
         hits = RefinedHits(t[order], u[order], v[order], is_front[order], prim_id[order], instance_id)
         keep_order(counts.astype(np.int32), 0, hits.t)
-        of_rays = hits.as_hits(order.shape, ShardedSurface(self.shards))
+        of_rays = hits.as_hits(ShardedSurface(self.shards))
         return AllHits(**vars(of_rays), offsets=running_sums(counts))
 
     def closest_point(self, points: ArrayLike) -> ClosestPoints:
@@ -472,7 +472,7 @@ def _compare_rays(
 ) -> None:  # fmt: skip
     """Write which boxes rays may meet, a bit for each; and add up where they enter them, and how many do."""
     packed, entries = np.empty(end - begin, PACKED_RAY), np.empty((end - begin, len(boxes)), np.float32)
-    pack_rays(batch, batch.part(begin, end), box, packed, first_ray=begin)
+    pack_rays(batch, batch.rows.part(begin, end), box, packed, first_ray=begin)
     np.minimum(packed["t_max"], limits, out=packed["t_max"])
     with session.branch() as own:
         written = own.allocate(entries.nbytes)
@@ -513,14 +513,14 @@ def _cast_closest(
     """Replace the hits of rays, the batch, by nearer ones in a shard; `rays` are their indices in the answers."""
 
     def cast(call: Call, part: range, _progress: Progress | None) -> None:
-        for piece in cut_batch(call, batch, rays.shape, part=part):
+        for piece in cut_batch(call, batch, part=part):
             with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
                 own = rays[piece.begin : piece.begin + len(found)]
                 is_nearer = _keep_nearer(found, own, prim_ids, device_t, hits.prim_id)
                 refine = partial(_refine, caster, batch, piece.begin, found, own, is_nearer, hits)
                 call.threads.for_ranges(len(found), refine, least_items=LEAST_HITS)
 
-    cast_rays(caster, batch, rays.shape, cast, None)
+    cast_rays(caster, batch, cast, None)
 
 
 def _keep_nearer(
@@ -542,7 +542,7 @@ def _refine(
     """Write some of the hits of a piece in float64, those that are nearer."""
     kept, own, nearer = found[begin:end].copy(), RefinedHits.make(end - begin), is_nearer[begin:end]
     kept["prim_id"][~nearer] = NO_PRIM
-    refine_closest(batch.part(piece_begin + begin, piece_begin + end), caster.world.arrays, kept, own)
+    refine_closest(batch.rows.part(piece_begin + begin, piece_begin + end), caster.world.arrays, kept, own)
     for values, found_values in zip(hits[:4], own[:4], strict=True):
         values[rays[begin:end][nearer]] = found_values[nearer]
 
@@ -552,7 +552,7 @@ def _cross(
     parts: list[_Crossed],
 ) -> None:  # fmt: skip
     """Add the crossings of rays with a shard to the parts; `rays` are their indices in the answers."""
-    crossings = find_crossings(caster, batch, rays.shape, limit, None)
+    crossings = find_crossings(caster, batch, limit, None)
     counts, offsets = crossings.counts, running_sums(crossings.counts)
     refined = RefinedHits.make(int(offsets[-1]))
 

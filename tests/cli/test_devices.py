@@ -1,10 +1,9 @@
-"""`clbvh devices`, `doctor` and `tune`: on this machine, and on machines that lack something.
+"""`clbvh devices` and `doctor`: on this machine, and on machines that lack something.
 
 The doctor touches drivers in processes of its own, so its command runs in this one.
 """
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -14,8 +13,6 @@ from clbvh.conformance.expected import load_expected
 from clbvh.device import doctor, select
 from clbvh.device.driver_files import find_bundled_folder
 from clbvh.device.host.compile import LEVELS, machine
-from clbvh.rendering import tune as tune_module
-from clbvh.structs import LAYOUT_WIDTHS
 
 from .command import hidden_drivers, refuses, run_clbvh, run_process, shadowed_modules
 
@@ -195,38 +192,3 @@ class TestDoctor:
         assert path.read_text() == f"{pocl}\n"
         assert run_clbvh("doctor", "--fix", **environment).stdout.startswith("nothing to fix")
         refuses(run_clbvh("doctor", "--fix", OCL_ICD_VENDORS=str(tmp_path)), 2, "OCL_ICD_VENDORS is set", "unset it")
-
-
-@pytest.fixture(scope="module")
-def measured(_opened_device):
-    """The settings and the trials of a small mesh and a small picture."""
-    return tune_module.tune(_opened_device.info, triangles=500, size=(32, 18))
-
-
-class TestTune:
-    def test_every_layout_work_group_and_tile_is_measured(self, measured, session):
-        info, settings, trials = measured
-        assert (info, settings.is_measured) == (session.info, True)
-        assert [trial.choice for trial in trials if trial.what == "layout"] == list(LAYOUT_WIDTHS)
-        for what in ("layout", "work-group size", "tile"):
-            of_kind = [trial for trial in trials if trial.what == what]
-            assert len(of_kind) >= 3
-            (best,) = (trial for trial in of_kind if trial.is_best)
-            assert 0 < best.ms <= 1.03 * min(trial.ms for trial in of_kind)
-
-    def test_the_next_command_uses_the_kept_settings(self, measured, session, tmp_path, monkeypatch):
-        monkeypatch.setattr(tune_module, "tune", lambda device: measured)
-        words, cache = ("tune", "--device", session.info.number), {"CLBVH_CACHE": str(tmp_path)}
-        text = run_clbvh(*words, **cache).stdout
-        for word in (*LAYOUT_WIDTHS, "taken", "work-group size", "tile", "8 x 8"):
-            assert word in text
-        assert str(tmp_path) in "".join(text.split())
-        facts = json.loads(run_clbvh(*words, "--json", **cache).stdout)
-        assert facts["settings"]["layout"] == measured[1].layout
-        assert [trial["choice"] for trial in facts["trials"]] == [trial.choice for trial in measured[2]]
-        # Made up, so that it differs from the default of this kind of device.
-        path = Path(facts["kept_in"])
-        assert path.is_relative_to(tmp_path)
-        path.write_text(json.dumps(json.loads(path.read_text()) | {"layout": "bvh4"}))
-        listed = json.loads(run_clbvh("devices", "--json", **cache).stdout)["devices"]
-        assert listed[session.info.number]["layout"] == "bvh4"

@@ -32,7 +32,6 @@ MESHES = ("part.ply", "bunny.ply", "bun_zipper.ply", "dragon_871k.ply", "scan.pl
 NOT_RUN = {
     "clbvh fetch": "needs a network",
     "clbvh view": "opens a page until Ctrl-C",
-    "clbvh tune": "measures for a minute",
     "clbvh doctor": "starts a process for each driver",
     "clbvh warmup": "compiles everything",
     "clbvh study": "measures for minutes",

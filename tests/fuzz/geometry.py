@@ -97,15 +97,15 @@ def _open(session, bvh, layout):
 
 def _ask(caster, rays, points, limits):
     """Return the answers to all queries."""
-    free, shape = read_rays(*rays, 0.0, np.inf)
-    limited, _ = read_rays(*rays, *limits)
+    free = read_rays(*rays, 0.0, np.inf)
+    limited = read_rays(*rays, *limits)
     return {
-        "closest_hit": find_closest_hits(caster, free, shape, None),
-        "closest_hit, limits": find_closest_hits(caster, limited, shape, None),
-        "any_hit": find_any_hits(caster, limited, shape, None),
-        "count_hits": count_hits(caster, limited, shape, None, None),
-        "all_hits": find_all_hits(caster, free, shape, None, None),
-        "all_hits, few": find_all_hits(caster, limited, shape, _FEW_HITS, None),
+        "closest_hit": find_closest_hits(caster, free, None),
+        "closest_hit, limits": find_closest_hits(caster, limited, None),
+        "any_hit": find_any_hits(caster, limited, None),
+        "count_hits": count_hits(caster, limited, None, None),
+        "all_hits": find_all_hits(caster, free, None, None),
+        "all_hits, few": find_all_hits(caster, limited, _FEW_HITS, None),
         "closest_point": find_closest_points(caster, SeenPoints(read_points(points), None, None)),
     }
 
@@ -140,8 +140,8 @@ def check_geometry(session: DeviceSession, seed: int) -> int:
     bvh = build(mesh, **options)
 
     with _open(session, bvh, None) as caster:
-        free, shape = read_rays(*rays, 0.0, np.inf)
-        first = find_closest_hits(caster, free, shape, None)
+        free = read_rays(*rays, 0.0, np.inf)
+        first = find_closest_hits(caster, free, None)
         # Many limits are exactly the t of a hit.
         t = np.where(first.is_hit, first.t, 1.0)
         limits = np.where(generator.random(len(t)) < 0.4, t, 0.0), np.where(generator.random(len(t)) < 0.4, t, np.inf)

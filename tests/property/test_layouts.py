@@ -120,6 +120,6 @@ def test_pictures_have_the_same_hits(opened, kind, seed):
     found = []
     for bvh, layout in ((None, "auto"), *((build(mesh), layout) for layout in LAYOUT_WIDTHS)):
         with mesh_on_device(opened, mesh, bvh, layout) as world:
-            hits = FrameRenderer(opened, world).render(view, OneRayPainter(opened, world, (8, 8)))[1]
+            hits = FrameRenderer(opened, world).render(view, OneRayPainter(opened, world))[1]
         found.append(hits.tobytes())
         assert found[-1] == found[0], layout

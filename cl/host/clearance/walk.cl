@@ -12,8 +12,8 @@
 static void place_triangle(
     const surfaces_t *surfaces, const long instance, const int prim, const double unit, double3 triangle[3])
 {
-    const corners_t corners = load_corners(surfaces, surfaces->geometry_id[instance], prim);
-    const double3 offset = load_row(surfaces->offset, instance);
+    const wide_corners_t corners = load_wide_corners(surfaces, surfaces->geometry_id[instance], prim);
+    const double3 offset = load_wide_row(surfaces->offset, instance);
     triangle[0] = (multiply(surfaces->linear, instance, corners.a) + offset) * unit;
     triangle[1] = (multiply(surfaces->linear, instance, corners.b) + offset) * unit;
     triangle[2] = (multiply(surfaces->linear, instance, corners.c) + offset) * unit;
@@ -103,14 +103,14 @@ static poses_t take_poses(const search_t *search, const long instances[2])
     for (int which = 0; which < 2; which++) {
         const long instance = instances[which];
         const int geometry = surfaces->geometry_id[instance];
-        const double3 origin = load_row(surfaces->origin, geometry);
+        const double3 origin = load_wide_row(surfaces->origin, geometry);
         const double factor = search->unit / surfaces->scale[geometry];
         pose_t *pose = &poses.of[which];
         double reach = 0.0;
         double largest = 0.0;
         for (int row = 0; row < 3; row++) {
-            const double3 linear = load_row(surfaces->linear, 3 * instance + row);
-            double centre = load_row(surfaces->offset, instance)[row];
+            const double3 linear = load_wide_row(surfaces->linear, 3 * instance + row);
+            double centre = load_wide_row(surfaces->offset, instance)[row];
             double size = fabs(centre);
             for (int column = 0; column < 3; column++) {
                 const double along = linear[column] * origin[column];

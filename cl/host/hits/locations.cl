@@ -36,7 +36,7 @@ loop void find_normals(
             if (surfaces.kind[geometry] == KIND_SPHERES) {
                 normal = sphere_point(us[hit], vs[hit]);
             } else {
-                const corners_t corners = load_corners(&surfaces, geometry, prim_ids[hit]);
+                const wide_corners_t corners = load_wide_corners(&surfaces, geometry, prim_ids[hit]);
                 normal = normal_of(&corners, surfaces.scale[geometry]);
             }
             normal = turn_normal(&surfaces, instance_ids[hit], normal).unit;
@@ -52,7 +52,7 @@ loop void turn_normals(
 {
     const surfaces_t surfaces = surfaces_on_host(arrays);
     for (long hit = 0; hit < count; hit++) {
-        const double3 normal = load_row(object_normals[hit], 0);
+        const double3 normal = load_wide_row(object_normals[hit], 0);
         const bool is_hit = instance_ids[hit] != NO_PRIM;
         vstore3(is_hit ? turn_normal(&surfaces, instance_ids[hit], normal).unit : (double3)(NAN), 0, normals[hit]);
     }

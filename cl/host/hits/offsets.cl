@@ -55,9 +55,9 @@ typedef struct {
 static footing_t stand_on_triangle(
     const surfaces_t *surfaces, const int geometry, const int prim, const double u, const double v, const bool is_front)
 {
-    const corners_t corners = load_corners(surfaces, geometry, prim);
+    const wide_corners_t corners = load_wide_corners(surfaces, geometry, prim);
     const double scale = surfaces->scale[geometry];
-    const double3 origin = load_row(surfaces->origin, geometry);
+    const double3 origin = load_wide_row(surfaces->origin, geometry);
     const float *margins = surfaces->margins + 4 * (surfaces->first_face[geometry] + prim) + (is_front ? 0 : 2);
     // In this order: another thread may find them meanwhile, see `store_margins` of hits/room.cl.
     const float of_edges = margins[0];
@@ -89,7 +89,7 @@ static footing_t stand_on_sphere(
     const double *sphere = sphere_at(surfaces, geometry, prim);
     const double scale = surfaces->scale[geometry], radius = sphere[3] * scale, side = is_front ? 1.0 : -1.0;
     const double3 normal = side * sphere_point(u, v);
-    const double3 centre = (load_row(sphere, 0) - load_row(surfaces->origin, geometry)) * scale;
+    const double3 centre = (load_wide_row(sphere, 0) - load_wide_row(surfaces->origin, geometry)) * scale;
     const double3 position = centre + side * radius * normal;
     double highest;
     if (surfaces->rounding == FLOAT_ROUNDING) {
@@ -160,8 +160,8 @@ static double3 add_coarseness(
 {
     const double scale = surfaces->scale[geometry];
     // The absolute values of which the point's world coordinates are the sums, and their own.
-    double3 size = fabs(point) + fabs(load_row(surfaces->offset, instance));
-    const double3 place = fabs(footing->position) / scale + fabs(load_row(surfaces->origin, geometry));
+    double3 size = fabs(point) + fabs(load_wide_row(surfaces->offset, instance));
+    const double3 place = fabs(footing->position) / scale + fabs(load_wide_row(surfaces->origin, geometry));
     for (int column = 0; column < 3; column++) {
         size += column_sizes(surfaces->linear, instance, column) * place[column];
     }

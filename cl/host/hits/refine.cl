@@ -3,7 +3,7 @@
 #define HAS_SPHERES 1
 #include "structs.cl"
 #include "hits/found.cl"
-#include "hits/refine.cl"
+#include "hits/refined.cl"
 #include "hits/surfaces.cl"
 #include "rays/arrays.cl"
 #include "rays/rows.cl"
@@ -27,6 +27,7 @@ loop void refine_closest(
     const surfaces_t surfaces = surfaces_on_host(arrays);
     const ray_rows_t rays = {origins, directions, origin_step, direction_step, doubles, t_mins, t_maxs, each_limit};
     const found_hits_t hits = {found, found_in_world};
+    const refined_hits_t refined = {t, u, v, (uchar *)is_front, prim_id, found_in_world ? instance_id : 0};
     for (long index = 0; index < count; index++) {
         if (index + PRIMS_AHEAD < count) {
             will_read_prim(&surfaces, &hits, index + PRIMS_AHEAD);
@@ -34,21 +35,11 @@ loop void refine_closest(
         if (index + CORNERS_AHEAD < count) {
             will_read_corners(&surfaces, &hits, index + CORNERS_AHEAD);
         }
-        const int prim = prim_of(&hits, index);
-        refined_hit_t hit = {INFINITY, 0.0, 0.0, 0.0};
-        int instance = NO_PRIM;
-        if (prim != NO_PRIM) {
+        if (prim_of(&hits, index) == NO_PRIM) {
+            write_miss(&refined, index);
+        } else {
             const wide_ray_t ray = read_ray(&rays, index);
-            instance = instance_of(&hits, index);
-            hit = refine_hit(&surfaces, &ray, instance, prim, is_leaving(&hits, index));
-        }
-        t[index] = hit.t;
-        u[index] = hit.u;
-        v[index] = hit.v;
-        is_front[index] = hit.side > 0.0;
-        prim_id[index] = prim;
-        if (found_in_world) {
-            instance_id[index] = instance;
+            refine_found(&surfaces, &ray, &hits, index, &refined, index);
         }
     }
 }

@@ -52,7 +52,7 @@ typedef struct {
 
 static double3 load_local(const local_mesh_t *mesh, const int vertex)
 {
-    return (load_row(mesh->vertices[vertex], 0) - mesh->origin) * mesh->scale;
+    return (load_wide_row(mesh->vertices[vertex], 0) - mesh->origin) * mesh->scale;
 }
 
 static double length_of(const double3 v)
@@ -72,22 +72,22 @@ static bool is_same(const double3 a, const double3 b)
 
 static double3 load_wall(const walls_t *walls, const long wall, const int corner)
 {
-    return load_row(walls->corners[wall][corner], 0);
+    return load_wide_row(walls->corners[wall][corner], 0);
 }
 
 // The lengths of the edges opposite to the corners.
-static double3 lengths_of(const corners_t *t)
+static double3 lengths_of(const wide_corners_t *t)
 {
     return (double3)(length_of(t->c - t->b), length_of(t->c - t->a), length_of(t->b - t->a));
 }
 
-static double least_height(const corners_t *t)
+static double least_height(const wide_corners_t *t)
 {
     return length_of(cross3(t->b - t->a, t->c - t->a)) / largest_size(lengths_of(t));
 }
 
 // How far a point of a triangle is from its edges, in x, and from its corners, in y, in least heights of the triangle.
-static double2 find_distances(const corners_t *t, const double u, const double v)
+static double2 find_distances(const wide_corners_t *t, const double u, const double v)
 {
     const double3 lengths = lengths_of(t);
     const double from_edge = min(min((1.0 - u - v) / lengths.x, u / lengths.y), v / lengths.z) * largest_size(lengths);
@@ -178,7 +178,7 @@ static double least_angle(const double3 direction, const double3 left, const dou
 //
 // A wall and the triangle are two cones from a common corner. With a direction d of the one and e of the other, of
 // length 1, the ball that touches the triangle at `r e` reaches the wall where `r < d.normal / (1 - d.e)`.
-static double2 find_margins(const corners_t *t, const double3 normal, const walls_t *walls)
+static double2 find_margins(const wide_corners_t *t, const double3 normal, const walls_t *walls)
 {
     double of_edges = 0.0, of_corners = 0.0;
     for (long wall = 0; wall < walls->count; wall++) {
@@ -244,7 +244,7 @@ static bool fits(const walls_t *walls, const double3 centre, const double radius
 // The coordinates of the nearest point of a triangle at which a ball fits; those given if there is none. The point is
 // moved at right angles away from each edge, and to the centroid, by longer and longer steps.
 static double2 find_place(
-    const corners_t *t, const double3 normal, const walls_t *walls, const double radius, const double u, const double v)
+    const wide_corners_t *t, const double3 normal, const walls_t *walls, const double radius, const double u, const double v)
 {
     const double3 ab = t->b - t->a, ac = t->c - t->a;
     const double3 place = t->a + u * ab + v * ac;
@@ -293,13 +293,13 @@ loop void make_room(
     const int prim_ids[count], double us[count], double vs[count], const bool is_front[count], double heights[count])
 {
     const local_mesh_t mesh = {
-        (const double (*)[3])vertices, faces, load_row(origin, 0), scale, points, begins, around};
+        (const double (*)[3])vertices, faces, load_wide_row(origin, 0), scale, points, begins, around};
     walls_t walls = {(double (*)[3][3])wall_corners, 0};
     for (long item = 0; item < row_count; item++) {
         const long row = rows[item];
         const int face = prim_ids[row];
         float *own = margins[face] + (is_front[row] ? 0 : 2);
-        const corners_t t = {
+        const wide_corners_t t = {
             load_local(&mesh, faces[face][0]), load_local(&mesh, faces[face][1]), load_local(&mesh, faces[face][2])};
         const double3 outer = normal_of(&t, 1.0), normal = is_front[row] ? outer : -outer;
         bool has_walls = false;

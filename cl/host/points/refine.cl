@@ -28,14 +28,14 @@ static double far_distance(const double3 point, const double3 closest, const dou
 
 static double3 place_point(const surfaces_t *surfaces, const int instance, const double3 point)
 {
-    return multiply(surfaces->linear, instance, point) + load_row(surfaces->offset, instance);
+    return multiply(surfaces->linear, instance, point) + load_wide_row(surfaces->offset, instance);
 }
 
 static found_t close_to_triangle(
     const surfaces_t *surfaces, const double3 point, const int instance, const int prim, const double3 centre,
     const double farthest)
 {
-    const corners_t corners = load_corners(surfaces, surfaces->geometry_id[instance], prim);
+    const wide_corners_t corners = load_wide_corners(surfaces, surfaces->geometry_id[instance], prim);
     // The first corner and the edges from there, which are placed by themselves: far from zero they keep digits that
     // differences of placed corners would lose.
     const double3 ab = corners.b - corners.a;
@@ -83,8 +83,8 @@ static found_t close_to_sphere(
     const double *half_lengths)
 {
     const double *sphere = sphere_at(surfaces, surfaces->geometry_id[instance], prim);
-    const double3 centre = place_point(surfaces, instance, load_row(sphere, 0));
-    const double3 lengths = load_row(half_lengths, instance) * sphere[3];
+    const double3 centre = place_point(surfaces, instance, load_wide_row(sphere, 0));
+    const double3 lengths = load_wide_row(half_lengths, instance) * sphere[3];
     const double3 way = point - centre;
     const double size = largest_size(lengths);
     const double reach = largest_size(way);
@@ -101,7 +101,7 @@ static found_t close_to_sphere(
     found_t found = {centre, 0.0};
     for (int row = 0; row < 3; row++) {
         const double sign = along[row] < 0.0 ? -1.0 : 1.0;
-        found.point += sign * shares[row] * lengths[row] * load_row(axes, 3 * instance + row);
+        found.point += sign * shares[row] * lengths[row] * load_wide_row(axes, 3 * instance + row);
     }
     found.distance = is_far
         ? far_distance(point, found.point, reach)

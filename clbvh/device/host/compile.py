@@ -29,7 +29,7 @@ from typing import NamedTuple
 from ...errors import ConfigError, DeviceError, KernelBuildError
 from ...support.folders import find_cache, find_folder
 from ...support.host_threads import usable_cores
-from ..sources import ENTRY_POINT, LOOP, expand_shipped, expand_source, find_arguments, find_loops
+from ..sources import ENTRY_POINT, LOOP, expand_for_host, expand_shipped, expand_source, find_arguments, find_loops
 from .variants import FIXED, Variant, list_loop_files, list_variants, loop_entry, machine
 
 COMPILER_VARIABLE = "CLBVH_CLANG"
@@ -206,8 +206,8 @@ def _link(compiler: Compiler, target: Path, objects: Path, units: Sequence[_Unit
     with ThreadPoolExecutor(jobs or usable_cores()) as pool:
         made = list(pool.map(lambda unit: _compile(compiler, unit, objects), units))
     target.parent.mkdir(parents=True, exist_ok=True)
-    linked = target.with_suffix(f".{os.getpid()}.tmp")
-    listing = objects / f"{target.name}.{os.getpid()}.rsp"
+    own = f"{os.getpid()}-{threading.get_ident()}"
+    linked, listing = target.with_suffix(f".{own}.tmp"), objects / f"{target.name}.{own}.rsp"
     listing.write_text("\n".join(f'"{path}"' for path in made))
     try:
         _run([*compiler.link, "-o", str(linked), f"@{listing}"])
@@ -227,7 +227,7 @@ class _Unit(NamedTuple):
 
 
 def _variant_unit(variant: Variant, level: str, processor: str, macros: Mapping[str, int]) -> _Unit:
-    source = expand_shipped(f"kernels/{variant.name}.cl")
+    source = expand_for_host(f"kernels/{variant.name}.cl")
     entries = {kernel: f"{level}_{variant.entry(kernel)}" for kernel in find_arguments(source)}
     return _unit(source, entries, processor, FIXED | dict(variant.macros) | dict(macros))
 

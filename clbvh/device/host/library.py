@@ -10,7 +10,7 @@ import ctypes
 import os
 import platform
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from ...support.folders import find_folder, is_writable
 from ...support.forks import make_lock
 from ...support.say_once import say_compiling
 from ..kernel import Kernel
-from ..sources import expand_shipped, find_arguments
+from ..sources import expand_for_host, find_arguments
 from .variants import FIXED, Variant, library_name, loop_entry, machine
 
 LEVEL_VARIABLE = "CLBVH_HOST_LEVEL"
@@ -80,13 +80,33 @@ class HostKernel(Kernel):
         The C types of those that are numbers.
     entry : function
         ``entry(launch, first_group, end_group)``, see host/compile.py.
+    first : mapping of str to argument, optional
+        See `with_first`.
     """
 
-    def __init__(self, name: str, arguments: Mapping[str, str | None], entry: _Entry) -> None:
-        super().__init__(name, arguments)
+    def __init__(
+        self, name: str, arguments: Mapping[str, str | None], entry: _Entry, first: Mapping[str, Any] | None = None
+    ) -> None:
+        self._kinds = dict(arguments)
+        self._first = b"" if first is None else self._take_first(name, first)
+        super().__init__(name, self._kinds)
         self.entry = entry
-        self._are_addresses = tuple(kind is None for kind in arguments.values())
-        self._pack = struct.Struct("<4i" + "".join(_SLOTS[kind] for kind in arguments.values())).pack
+        self._buffers = [value for value in (first or {}).values() if value.__class__ is HostBuffer]
+        self._are_addresses = tuple(kind is None for kind in self._kinds.values())
+        self._pack = _make_pack(self._kinds.values())
+
+    def _take_first(self, name: str, first: Mapping[str, Any]) -> bytes:
+        """Return the packed values of the first arguments, which are then none any more."""
+        kinds = {argument: self._kinds.pop(argument) for argument in [*self._kinds][: len(first)]}
+        return HostKernel(name, kinds, None)._bind_all(first)
+
+    def with_first(self, first: Mapping[str, Any]) -> HostKernel:
+        """Return the kernel with its first arguments, which are packed once for many launches."""
+        return HostKernel(self.name, self._kinds, self.entry, first)
+
+    def hold(self) -> list[Any]:
+        """Return the arrays of the first arguments' buffers, to be kept during a launch; None of one given back."""
+        return [each.array for each in self._buffers]
 
     def bind(self, shape: tuple[int, int, int, int], arguments: Mapping[str, Any]) -> bytes:
         """Return what the entry is given.
@@ -96,16 +116,42 @@ class HostKernel(Kernel):
         InternalError
             As `in_order`, or an argument is of another kind.
         """
+        return _pack_shape(*shape) + self._first + self._bind_all(arguments)
+
+    def bind_numbers(self, shape: tuple[int, int, int, int], numbers: Iterable[float]) -> bytes:
+        """Return the same of arguments in their order, where addresses stand for arrays; in a third of the time.
+
+        Raises
+        ------
+        InternalError
+            There are more or fewer arguments, or one is of another kind.
+        """
+        try:
+            return _pack_shape(*shape) + self._first + self._pack(*numbers)
+        except struct.error as error:
+            raise InternalError(f"the kernel '{self.name}' does not take an argument: {error}") from error
+
+    def _bind_all(self, arguments: Mapping[str, Any]) -> bytes:
         values = zip(self.in_order(arguments), self._are_addresses, strict=True)
         try:
-            return self._pack(*shape, *(_as_address(value) if is_address else value for value, is_address in values))
+            return self._pack(*[_as_address(value) if is_address else value for value, is_address in values])
         except (TypeError, struct.error) as error:
             raise InternalError(f"the kernel '{self.name}' does not take an argument: {error}") from error
 
 
+_pack_shape = struct.Struct("<4i").pack
+
+
+def _make_pack(kinds: Iterable[str | None]) -> Callable[..., bytes]:
+    return struct.Struct("<" + "".join(_SLOTS[kind] for kind in kinds)).pack
+
+
 def _as_address(value: Any) -> Any:
-    """Return the address of a buffer or an array; 0 for none."""
-    if value.__class__ is HostBuffer:
+    """Return the address of a buffer or an array; 0 for none; an address is one."""
+    kind = value.__class__
+    if kind is int:
+        return value
+    if kind is HostBuffer:
         if value.address is None:
             raise TypeError("a buffer that was given back")
         return value.address
@@ -115,7 +161,23 @@ def _as_address(value: Any) -> Any:
         raise TypeError(f"no buffer, but {value!r}")
     if not value.flags.c_contiguous:
         raise TypeError("an array that is not contiguous")
-    return value.ctypes.data
+    return find_address(value)
+
+
+# By numpy's C interface, an array begins as every object does, and then comes the address of its items. It is read from
+# there since `array.ctypes.data` takes ten times as long.
+_HEAD_BYTES = object.__basicsize__
+_read_address = ctypes.c_size_t.from_address
+
+
+def find_address(array: NDArray[Any]) -> int:
+    """Return where the items of an array begin, which may have any strides."""
+    return _read_address(id(array) + _HEAD_BYTES).value
+
+
+def find_addresses(arrays: Iterable[NDArray[Any] | None]) -> list[int]:
+    """Return the same of several arrays, 0 for none; all at once, in half of the time."""
+    return [0 if array is None else _read_address(id(array) + _HEAD_BYTES).value for array in arrays]
 
 
 class HostLibrary:
@@ -169,9 +231,9 @@ class HostLibrary:
         """
         variant = Variant.of(name, macros)
         if os.environ.get(ON_DEMAND_VARIABLE):
-            return self.compile(expand_shipped(f"kernels/{name}.cl"), FIXED | dict(variant.macros))
+            return self.compile(expand_for_host(f"kernels/{name}.cl"), FIXED | dict(variant.macros))
         if variant not in self._kernels:
-            arguments = find_arguments(expand_shipped(f"kernels/{name}.cl"))
+            arguments = find_arguments(expand_for_host(f"kernels/{name}.cl"))
             self._kernels[variant] = {
                 kernel: HostKernel(
                     kernel, arguments[kernel], _find_entry(self._library, f"{self.level}_{variant.entry(kernel)}")

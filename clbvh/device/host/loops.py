@@ -24,7 +24,7 @@ from ...errors import InternalError
 from ...structs import BOX_LANES, DEVICE_CONSTANTS, DEVICE_STRUCTS, EXACT_STRUCTS
 from ...support.folders import find_folder
 from ..sources import find_loops
-from .library import open_library
+from .library import find_address, open_library
 
 # The number types of C: of arrays, and of single values.
 _NUMBERS: dict[str, tuple[Any, Any]] = {
@@ -102,7 +102,7 @@ def make_loop(name: str, result: str, parameters: str, function: Any) -> Callabl
     text += [f"    {each.name}_address = {each.as_check()}" for each in arrays]
     text.append(f"    return function({', '.join(f'{each.name}{each.suffix}' for each in declared)})")
     scope: dict[str, Any] = {f"{each.name}_dtype": each.row.dtype for each in arrays}
-    scope |= {"ndarray": np.ndarray, "find_address": _find_address, "refuse": partial(_refuse, name)}
+    scope |= {"ndarray": np.ndarray, "find_address": find_address, "refuse": partial(_refuse, name)}
     scope["function"] = function
     exec("\n".join(text), scope)
     return scope[name]
@@ -111,16 +111,6 @@ def make_loop(name: str, result: str, parameters: str, function: Any) -> Callabl
 def _refuse(loop: str, name: str, array: Any, wanted: str) -> NoReturn:
     found = f"{array.dtype}, {array.size} items" if isinstance(array, np.ndarray) else type(array).__name__
     raise InternalError(f"the loop '{loop}' does not take its '{name}': {found}, where {wanted} are wanted")
-
-
-# By numpy's C interface, an array begins as every object does, and then comes the address of its items. It is read from
-# there since `array.ctypes.data` takes ten times as long.
-_HEAD_BYTES = object.__basicsize__
-_read_address = ctypes.c_size_t.from_address
-
-
-def _find_address(array: NDArray[Any]) -> int:
-    return _read_address(id(array) + _HEAD_BYTES).value
 
 
 def pack_struct(*fields: NDArray[Any] | float) -> NDArray[np.uint64]:
@@ -133,7 +123,7 @@ def _pack_field(field: Any) -> Any:
         return np.float64(field).view(np.uint64) if isinstance(field, float) else field
     if not field.flags.c_contiguous:
         raise InternalError(f"an array of {field.shape} in a struct is not contiguous")
-    return _find_address(field)
+    return find_address(field)
 
 
 class _Number(NamedTuple):

@@ -131,21 +131,31 @@ class HostSession(DeviceSession):
         self, kernel: HostKernel, work_size: tuple[int, ...], work_group: tuple[int, ...], **arguments: Any
     ) -> None:
         """See `DeviceSession`; returns when all work-items are done."""
-        begin_s = time.perf_counter()
         columns, group_columns = work_size[0], work_group[0]
         rows, group_rows = (work_size[1], work_group[1]) if len(work_size) > 1 else (1, 1)
         shape = -(-columns // group_columns), -(-rows // group_rows), group_columns, group_rows
-        launch, entry, group_count = kernel.bind(shape, arguments), kernel.entry, shape[0] * shape[1]
+        # The kernel has addresses alone. Whoever gives a buffer back meanwhile, its memory stays until the last band.
+        used = [each.array for each in arguments.values() if each.__class__ is HostBuffer], kernel.hold()
         least = _LEAST_GROUPS if group_columns * group_rows >= _MANY_ITEMS else 1
+        self.run_groups(kernel.entry, kernel.bind(shape, arguments), shape[0] * shape[1], least, used)
+
+    def run_groups(self, entry: Any, launch: bytes, group_count: int, least: int, used: Any) -> None:
+        """Run work-groups of a kernel, in bands of `least` or more; what is used stays until they are done."""
+        begin_s = time.perf_counter()
+        if group_count < 2 * least:
+            entry(launch, 0, group_count)
+        else:
+            self._run_bands(entry, launch, group_count, least, used)
+        self.times.add("kernel", (time.perf_counter() - begin_s) * _MS_PER_S)
+
+    def _run_bands(self, entry: Any, launch: bytes, group_count: int, least: int, used: Any) -> None:
         thread_count = min(self.threads.count, group_count // least)
-        size = max(least, -(-group_count // (_BANDS * max(thread_count, 1))))
+        size = max(least, -(-group_count // (_BANDS * thread_count)))
         # The next band, from any thread: `next` of a counter is one step of the interpreter.
         begins = count(0, size)
         is_stopped: list[bool] = []
-        # The kernel has addresses alone. Whoever gives a buffer back meanwhile, its memory stays until the last band.
-        used = [each.array for each in arguments.values() if each.__class__ is HostBuffer]
 
-        def run_bands(_used: list[Any] = used) -> None:
+        def run_bands(_used: Any = used) -> None:
             try:
                 while not is_stopped and (begin := next(begins)) < group_count:
                     entry(launch, begin, min(begin + size, group_count))
@@ -153,11 +163,7 @@ class HostSession(DeviceSession):
                 is_stopped.append(True)
                 raise
 
-        if thread_count > 1:
-            self.threads.run(run_bands, [()] * thread_count)
-        else:
-            run_bands()
-        self.times.add("kernel", (time.perf_counter() - begin_s) * _MS_PER_S)
+        self.threads.run(run_bands, [()] * thread_count)
 
     def check_process(self) -> None:
         """See `DeviceSession`; nothing is refused."""

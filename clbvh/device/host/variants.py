@@ -38,7 +38,6 @@ _OF_WORLDS = (
     "ambient_occlusion", "any_hit", "closest_hit", "closest_point", "closest_points", "count_hits", "count_steps",
     "depth", "first_hits", "inside",
 )  # fmt: skip
-_ENTRY_POINTS = ("tile_entry_points", "view_entry_points")
 _OF_NO_WORLD = ("add_samples", "develop", "meet_boxes", "refine_hits", "settle_tiles")
 
 
@@ -73,7 +72,7 @@ class Variant(NamedTuple):
         chosen = {macro: value for macro, value in macros.items() if macro not in FIXED}
         if chosen.get("LONE") == 0:
             chosen["HAS_SPHERES"] = 1
-        if "LONE" in chosen or name == "pack_rays":
+        if "LONE" in chosen:
             chosen.setdefault("EXACT", 0)
         if name in _PARTS:
             is_plain = chosen["LAYOUT"] == _OWN_LAYOUT and not chosen["EXACT"]
@@ -119,8 +118,7 @@ def _list_all() -> Iterator[Variant]:
         for name in _OF_WORLDS:
             yield Variant.of(name, world)
         if world["LAYOUT"] in (LAYOUTS[layout] for layout in ENTRY_POINT_LAYOUTS):
-            for name in _ENTRY_POINTS:
-                yield Variant.of(name, world)
+            yield Variant.of("view_entry_points", world)
         if world["LONE"]:
             yield Variant.of("closest_in_shard", world)
     widths = sorted(set(LAYOUT_WIDTHS.values()))
@@ -137,6 +135,5 @@ def _list_all() -> Iterator[Variant]:
     yield Variant.of("radix_sort", {"DIGIT_BITS": SORT_DIGIT_BITS, "GROUP_SIZE": 1})
     for value in (0, 1):
         yield Variant.of("take_mesh", {"IS_DOUBLE": value})
-        yield Variant.of("pack_rays", {"EXACT": value})
     for name in _OF_NO_WORLD:
         yield Variant.of(name, {})

@@ -139,8 +139,7 @@ class Resolution(Experiment):
             count = 1 if case["traversal"] == _ONE else usable_cores()
             host = bench.open(("host", name, count), lambda: _HostTracer(bvh, count))
             begin = time.perf_counter()
-            batch, shape = read_rays(*rays, 0.0, np.inf)
-            find_closest_prims(host.caster, batch, shape, None)
+            find_closest_prims(host.caster, read_rays(*rays, 0.0, np.inf), None)
             trace_ms = kernel_ms = trace_wall_ms = (time.perf_counter() - begin) * 1e3
         times = {"build_ms": values["build_ms"], "trace_ms": trace_ms, "total_ms": values["build_ms"] + trace_ms}
         return Sample({**times, "kernel_ms": kernel_ms, "trace_wall_ms": trace_wall_ms, "rays": len(rays[0])})

@@ -80,9 +80,7 @@ class _Search:
     segments: list[NDArray[np.int64]] = field(default_factory=list)
 
 
-def find_crossings(
-    caster: Caster, batch: RayBatch, shape: tuple[int, ...], max_hits: int | None, progress: Progress | None
-) -> Crossings:
+def find_crossings(caster: Caster, batch: RayBatch, max_hits: int | None, progress: Progress | None) -> Crossings:
     """Return the crossings of each ray, the nearest `max_hits` at most."""
     count = batch.ray_count
     check_room(count, _RAY_BYTES)
@@ -94,15 +92,15 @@ def find_crossings(
         # One slot more than a ray can have crossings is never taken.
         most_slots = call.world.most_hits + 1
         slots = min(FIRST_SLOTS, most_slots)
-        crowded = _search_round(search, batch, None, shape, slots, part)
+        crowded = _search_round(search, batch, None, slots, part)
         # Only the first round has the shape of a picture, and the user's progress.
         search.progress = None
         while len(crowded) > 0:
             slots = min(slots * SLOT_GROWTH, most_slots)
-            crowded = _search_round(search, batch.take(crowded), crowded, (len(crowded),), slots, range(len(crowded)))
+            crowded = _search_round(search, batch.take(crowded), crowded, slots, range(len(crowded)))
         found_in[part] = search.segments
 
-    cast_rays(caster, batch, shape, cast, progress)
+    cast_rays(caster, batch, cast, progress)
     segments: list[NDArray[np.int64]] = []
     for part in sorted(found_in, key=lambda each: each.start):
         if segments:
@@ -120,7 +118,7 @@ def find_crossings(
 
 
 def _search_round(
-    search: _Search, batch: RayBatch, ray_ids: NDArray[np.int64] | None, shape: tuple[int, ...], slots: int, part: range
+    search: _Search, batch: RayBatch, ray_ids: NDArray[np.int64] | None, slots: int, part: range
 ) -> NDArray[np.int64]:
     """Find the nearest crossings of a part of a batch, and return the indices of rays whose slots are all taken.
 
@@ -129,7 +127,7 @@ def _search_round(
     call, wanted = search.call, slots if search.max_hits is None else min(slots, search.max_hits)
     most_rays = max(1, call.fit(call.world.hit_dtype, MOST_SLOTS) // wanted)
     crowded = [np.empty(0, np.int64)]
-    for piece in cut_batch(call, batch, shape, part=part, most_rays=most_rays, progress=search.progress):
+    for piece in cut_batch(call, batch, part=part, most_rays=most_rays, progress=search.progress):
         packed = put_rays(call, batch, piece, in_ray_order=False)
         with call.cast(FIRST_HITS, packed, results_per_item=wanted, slots=np.int32(wanted)) as kept:
             crowded += _compact_piece(
@@ -174,14 +172,13 @@ def running_sums(counts: NDArray[np.integer]) -> NDArray[np.int64]:
 def find_all_hits(
     caster: Caster,
     batch: RayBatch,
-    shape: tuple[int, ...],
     max_hits: int | None,
     progress: Progress | None,
     *,
     with_locations: bool = False,
 ) -> AllHits:
     """Return the crossings of each ray in the order along it; see `Tracer.all_hits`."""
-    crossings = find_crossings(caster, batch, shape, max_hits, progress)
+    crossings = find_crossings(caster, batch, max_hits, progress)
     offsets = running_sums(crossings.counts)
     total = int(offsets[-1])
     world = caster.world
@@ -194,7 +191,7 @@ def find_all_hits(
     # Ranges of rays with about equally many crossings.
     begins = np.searchsorted(offsets, [begin for begin, _ in caster.threads.ranges(total, LEAST_HITS)]).tolist()
     caster.threads.run(refine, list(itertools.pairwise([0, *begins[1:], batch.ray_count])))
-    hits = refined.as_hits((total,), Surface.of_world(world))
+    hits = refined.as_hits(Surface.of_world(world))
     return AllHits(**vars(hits), offsets=offsets, known_locations=locations)
 
 
@@ -218,7 +215,7 @@ def refine_rays(
     slot = first_slot
     of_kind = (crossings.found, None) if arrays.is_lone else (None, crossings.found)
     for first in range(begin, end, _MOST_RAYS):
-        rays = batch.part(first, last := min(first + _MOST_RAYS, end))
+        rays = batch.rows.part(first, last := min(first + _MOST_RAYS, end))
         slot = _LOOPS.refine_rays(
             arrays.addresses, *rays.as_arguments(), *of_kind, crossings.segment_begins, crossings.counts[first:last],
             crossings.sources[first:last], slot, *hits, locations,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -9,19 +10,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...structs import STEPS
+from ..host_rays import are_few, cast_here
 from ..launch import Call, Caster, Query
 from ..put_rays import COUNT_STEPS, cut_batch, put_rays
-from ..ranges import cast_rays
-from ..rays.batch import RayBatch, Rays, check_room, read_rays
-from ..rays.pieces import Progress
+from ..ranges import CastRange, cast_rays
+from ..rays.batch import RayBatch, RowBatch, check_room, read_rays
+from ..rays.pieces import Progress, RayPiece
 from ..world.surface_arrays import SurfaceArrays
 from .hits import Hits
 from .refine import LEAST_HITS, RefinedHits, refine_closest
 from .surface import Surface
 
-Shape = tuple[int, ...]
+# What the host's kernel writes besides, see cl/on_host/kernels/closest_hit.cl.
+_REFINED = dict.fromkeys(("surfaces", *RefinedHits._fields))
 
-CLOSEST_HIT = Query("closest_hit", "hits")
+CLOSEST_HIT = Query("closest_hit", "hits", more_on_host=_REFINED)
 ANY_HIT = Query("any_hit", "blocked", np.dtype(np.uint8))
 COUNT_HITS = Query("count_hits", "counts", np.dtype(np.int32))
 
@@ -32,24 +35,47 @@ NO_LIMIT = np.iinfo(np.int32).max
 HIT_BYTES = 33
 
 
-def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> Hits:
+def find_closest_hits(caster: Caster, batch: RayBatch, progress: Progress | None) -> Hits:
     """Return the closest hit of each ray in float64; see `Tracer.closest_hit`."""
-    count, world = batch.ray_count, caster.world
-    check_room(count, HIT_BYTES)
-    refined = RefinedHits.make(count, is_lone=world.is_lone)
+    world = caster.world
+    check_room(batch.ray_count, HIT_BYTES)
+    refined = RefinedHits.make(batch.shape, is_lone=world.is_lone)
+    flat = refined if are_few(caster, batch) else refined.reshape(-1)
+
+    def cast_piece(device: Caster, piece: RayPiece) -> None:
+        *arrays, instance_id = flat.part(piece.begin, piece.end)
+        instances = None if world.is_lone else instance_id
+        cast_here(device, "closest_hit", batch, piece, (None, device.world.arrays.addresses, *arrays, instances))
 
     def cast(call: Call, part: range, progress: Progress | None) -> None:
-        for piece in cut_batch(call, batch, shape, part=part, progress=progress):
+        for piece in cut_batch(call, batch, part=part, progress=progress):
+            # The hits of sorted rays are refined in the order of the rays: they would be written all over memory.
+            if call.session.info.is_host and piece.order is None:
+                cast_piece(call.caster, piece)
+                continue
             with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
-                refine = partial(_refine_range, batch, piece.begin, call.world.arrays, found, refined)
+                refine = partial(_refine_range, batch.rows, piece.begin, call.world.arrays, found, flat)
                 call.threads.for_ranges(len(found), refine, least_items=LEAST_HITS)
 
-    cast_rays(caster, batch, shape, cast, progress)
-    return refined.as_hits(shape, Surface.of_world(world))
+    cast_batch(caster, batch, cast_piece, cast, progress)
+    return refined.as_hits(Surface.of_world(world))
+
+
+def cast_batch(
+    caster: Caster, batch: RayBatch, cast_piece: Callable[[Caster, RayPiece], None], cast: CastRange,
+    progress: Progress | None,
+) -> None:  # fmt: skip
+    """Cast a batch; of few rays on the host in one piece."""
+    if not are_few(caster, batch):
+        cast_rays(caster, batch, cast, progress)
+    elif batch.ray_count:
+        cast_piece(caster, RayPiece(0, batch.ray_count))
+        if progress is not None:
+            progress(batch.ray_count, batch.ray_count)
 
 
 def _refine_range(
-    batch: RayBatch,
+    rows: RowBatch,
     begin: int,
     arrays: SurfaceArrays,
     found: NDArray[np.void],
@@ -58,24 +84,22 @@ def _refine_range(
     last: int,
 ) -> None:
     rays = begin + first, begin + last
-    refine_closest(batch.part(*rays), arrays, found[first:last], hits.part(*rays))
+    refine_closest(rows.part(*rays), arrays, found[first:last], hits.part(*rays))
 
 
-def find_closest_prims(caster: Caster, batch: Rays, shape: Shape, progress: Progress | None) -> NDArray[np.int32]:
+def find_closest_prims(caster: Caster, batch: RayBatch, progress: Progress | None) -> NDArray[np.int32]:
     """Return the face of the closest hit of each ray; see `Tracer.closest_prim`."""
-    return _answer(caster, CLOSEST_HIT, np.int32, batch, shape, progress)
+    return _answer(caster, CLOSEST_HIT, np.int32, batch, progress)
 
 
-def find_any_hits(caster: Caster, batch: Rays, shape: Shape, progress: Progress | None) -> NDArray[np.bool_]:
+def find_any_hits(caster: Caster, batch: RayBatch, progress: Progress | None) -> NDArray[np.bool_]:
     """Return whether each ray hits anything; see `Tracer.any_hit`."""
-    return _answer(caster, ANY_HIT, np.bool_, batch, shape, progress)
+    return _answer(caster, ANY_HIT, np.bool_, batch, progress)
 
 
-def count_hits(
-    caster: Caster, batch: Rays, shape: Shape, max_hits: int | None, progress: Progress | None
-) -> NDArray[np.int32]:
+def count_hits(caster: Caster, batch: RayBatch, max_hits: int | None, progress: Progress | None) -> NDArray[np.int32]:
     """Return the number of hits of each ray, `max_hits` at most; see `Tracer.count_hits`."""
-    return _answer(caster, COUNT_HITS, np.int32, batch, shape, progress, max_hits=np.int32(max_hits or NO_LIMIT))
+    return _answer(caster, COUNT_HITS, np.int32, batch, progress, max_hits=np.int32(max_hits or NO_LIMIT))
 
 
 def count_steps(caster: Caster, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.void]:
@@ -84,23 +108,32 @@ def count_steps(caster: Caster, origins: ArrayLike, directions: ArrayLike) -> ND
     A node step tests the boxes of all children of one node, of the tree over the instances or of a shape's. A visit of
     a leaf is one block of primitives in wide layouts.
     """
-    batch, shape = read_rays(origins, directions, 0.0, np.inf)
-    return _answer(caster, COUNT_STEPS, STEPS, batch, shape, None)
+    batch = read_rays(origins, directions, 0.0, np.inf)
+    return _answer(caster, COUNT_STEPS, STEPS, batch, None)
 
 
 def _answer(
-    caster: Caster, query: Query, dtype: Any, batch: Rays, shape: Shape, progress: Progress | None, **arguments: Any
+    caster: Caster, query: Query, dtype: Any, batch: RayBatch, progress: Progress | None, **numbers: Any
 ) -> NDArray[Any]:
     """Return what a kernel finds for each ray; of hits, the primitive."""
     count = batch.ray_count
     check_room(count, np.dtype(dtype).itemsize)
     answers = np.empty(count, dtype)
 
+    def cast_piece(device: Caster, piece: RayPiece) -> None:
+        own = answers[piece.begin : piece.end]
+        # Of closest hits, what `closest_hit` writes but for the primitives is left out.
+        arrays = [*[None] * 6, own, None] if query is CLOSEST_HIT else [own]
+        cast_here(device, query.kernel, batch, piece, arrays, *numbers.values())
+
     def cast(call: Call, part: range, progress: Progress | None) -> None:
-        for piece in cut_batch(call, batch, shape, part=part, progress=progress):
-            with call.cast(query, put_rays(call, batch, piece), **arguments) as found:
+        for piece in cut_batch(call, batch, part=part, progress=progress):
+            if call.session.info.is_host:
+                cast_piece(call.caster, piece)
+                continue
+            with call.cast(query, put_rays(call, batch, piece), **numbers) as found:
                 own = found["prim_id"] if query.dtype is None else found
                 answers[piece.begin : piece.begin + len(found)] = own
 
-    cast_rays(caster, batch, shape, cast, progress)
-    return answers.reshape(shape)
+    cast_batch(caster, batch, cast_piece, cast, progress)
+    return answers.reshape(batch.shape)

@@ -13,7 +13,7 @@ from ...device.session import DeviceSession
 from ..launch import Call, Caster
 from ..put_rays import cut_batch, put_rays
 from ..ranges import cast_rays
-from ..rays.batch import DeviceRays, check_room
+from ..rays.batch import RayBatch, check_room
 from ..rays.pieces import Progress
 from .closest import CLOSEST_HIT, HIT_BYTES
 from .hits import Hits
@@ -67,11 +67,9 @@ def put_hits(session: DeviceSession, hits: Hits) -> DeviceHits:
     return DeviceHits(*map(session.make_array, [hits.shape] * len(_DTYPES), _DTYPES, values))
 
 
-def find_hits_on_device(
-    caster: Caster, rays: DeviceRays, shape: tuple[int, ...], progress: Progress | None
-) -> DeviceHits:
+def find_hits_on_device(caster: Caster, rays: RayBatch, progress: Progress | None) -> DeviceHits:
     """Return the closest hits of rays in a caster's only context, which are complete; the world has no spheres."""
-    hits = DeviceHits(*(caster.session.make_array(shape, dtype) for dtype in _DTYPES))
+    hits = DeviceHits(*(caster.session.make_array(rays.shape, dtype) for dtype in _DTYPES))
     # Not in the call below: with less memory for rays, the surface would not fit any better.
     with caster.open_call() as call:
         surface = call.world.refine_buffers.on(call.world.trees.session, call.session)
@@ -79,7 +77,7 @@ def find_hits_on_device(
 
     def cast(call: Call, part: range, progress: Progress | None) -> None:
         refine = call.session.kernel("refine_hits")
-        for piece in cut_batch(call, rays, shape, part=part, progress=progress):
+        for piece in cut_batch(call, rays, part=part, progress=progress):
             batch = put_rays(call, rays, piece)
             found = call.launch(CLOSEST_HIT, batch)
             size, group = (batch.item_count,), (call.session.settings.work_group_size,)
@@ -89,7 +87,7 @@ def find_hits_on_device(
         # Other queues do not wait for that of the call.
         call.session.finish()
 
-    cast_rays(caster, rays, shape, cast, progress)
+    cast_rays(caster, rays, cast, progress)
     return hits
 
 

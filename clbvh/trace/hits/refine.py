@@ -33,25 +33,28 @@ class RefinedHits(NamedTuple):
     instance_id: NDArray[np.int32]
 
     @classmethod
-    def make(cls, count: int, *, is_lone: bool = True) -> RefinedHits:
+    def make(cls, shape: int | tuple[int, ...], *, is_lone: bool = True) -> RefinedHits:
         """Return arrays for hits, not yet written."""
-        t, u, v, is_front = np.empty(count), np.empty(count), np.empty(count), np.empty(count, np.bool_)
-        return cls(t, u, v, is_front, np.empty(count, np.int32), np.empty(0 if is_lone else count, np.int32))
+        t, u, v, is_front = np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape, np.bool_)
+        return cls(t, u, v, is_front, np.empty(shape, np.int32), np.empty(0 if is_lone else shape, np.int32))
 
     def part(self, begin: int, end: int) -> RefinedHits:
         """Return views for some of the hits."""
-        if end - begin == len(self.t):  # views would cost a call with one ray 3 % of its time
+        if end - begin == self.t.size:  # views would cost a call with one ray 3 % of its time
             return self
         part = slice(begin, end)
         return RefinedHits(*(values[part] for values in self))  # type: ignore[arg-type]
 
-    def as_hits(self, shape: tuple[int, ...], surface: Surface) -> Hits:
-        """Return the hits of rays of a leading shape."""
-        t, u, v = (values.reshape(shape) for values in (self.t, self.u, self.v))
-        return Hits(
-            t, u, v, self.prim_id.reshape(shape), is_front=self.is_front.reshape(shape), surface=surface,
-            known_instance_id=None if surface.arrays.is_lone else self.instance_id.reshape(shape),
-        )  # fmt: skip
+    def reshape(self, *shape: int) -> RefinedHits:
+        """Return views of another shape."""
+        arrays = [values.reshape(shape) if values.size == self.t.size else values for values in self]
+        return RefinedHits(*arrays)  # type: ignore[arg-type]
+
+    def as_hits(self, surface: Surface) -> Hits:
+        """Return the hits."""
+        t, u, v, is_front, prim_id, instance_id = self
+        of_instances = None if surface.arrays.is_lone else instance_id
+        return Hits(t, u, v, prim_id, is_front=is_front, surface=surface, known_instance_id=of_instances)
 
 
 def refine_closest(rays: RayRows, arrays: SurfaceArrays, found: NDArray[np.void], hits: RefinedHits) -> None:

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,41 +19,177 @@ from ...geometry.arrays import has_masked_values, on_host
 from ...support.memory import check_memory
 
 _FLOAT64 = np.dtype(np.float64)
+_FLOATS = (np.dtype(np.float32), _FLOAT64)
 
 _MOST_MASK = 0xFFFFFFFF
 
+# The mask of rays that see every instance.
+ALL_VISIBLE = np.array(_MOST_MASK, np.uint32)
+ALL_VISIBLE.flags.writeable = False
 
-class RayBatch(NamedTuple):
-    """Rays as the user gave them.
+
+class RayArrays(NamedTuple):
+    """The arrays of rays as the user gave them: of numpy, or those with vectors `pyopencl.array.Array`.
+
+    Attributes
+    ----------
+    origins, directions : (..., 3) float32 or float64, the file's coordinates
+        With any strides.
+    t_min, t_max : (...,) float64, lengths of the direction
+    mask : (...,) uint32
+        The instances of a scene that are visible.
+    """
+
+    origins: Any
+    directions: Any
+    t_min: NDArray[np.float64]
+    t_max: NDArray[np.float64]
+    mask: NDArray[np.uint32]
+
+
+class RayBatch:
+    """Rays as the user gave them: kernels on the host read them where they are, others get parts of them.
+
+    Parameters
+    ----------
+    arrays : RayArrays
+    shape : tuple of int
+        Leading shape that they are broadcast to.
+
+    Attributes
+    ----------
+    ray_count : int
+    """
+
+    def __init__(self, arrays: RayArrays, shape: tuple[int, ...]) -> None:
+        self.arrays, self.shape, self.ray_count = arrays, shape, math.prod(shape)
+
+    @property
+    def is_on_device(self) -> bool:
+        """Whether the vectors are in arrays on a device."""
+        return not isinstance(self.arrays.origins, np.ndarray)
+
+    @cached_property
+    def rows(self) -> RowBatch:
+        """The rays in the host's memory, part by part."""
+        origins, directions, t_min, t_max, mask = self.arrays
+        vectors = (Broadcast.to_shape(on_host(each), 1, self.shape) for each in (origins, directions))
+        return RowBatch(*vectors, *(Broadcast.to_shape(each, 0, self.shape) for each in (t_min, t_max, mask)))
+
+    def take(self, ray_ids: NDArray[np.integer]) -> RayBatch:
+        """Return some of the rays, by their indices in C order."""
+        return RayBatch(RayArrays(*(values.take(ray_ids).items for values in self.rows)), (len(ray_ids),))
+
+    def axes(self) -> NDArray[np.int64]:
+        """Return (n, 6) int64: where the host's kernels find the rays, see cl/rays/arrays.cl."""
+        origins, directions, t_min, t_max, mask = self.arrays
+        return _make_axes(
+            self.shape, origins.shape, origins.strides, directions.shape, directions.strides, t_min.shape,
+            t_min.strides, t_max.shape, t_max.strides, mask.shape, mask.strides,
+        )  # fmt: skip
+
+    def device_axes(self, begin: int, parts: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
+        """Return the same of vectors on a device, whose limits and masks are those of the rays from `begin` on."""
+        origins, directions = self.arrays[:2]
+        facts = [origins.shape, origins.strides, directions.shape, directions.strides]
+        for each in parts:
+            is_one = len(each) == 1
+            facts += [(), ()] if is_one else [self.shape, _find_contiguous_strides(each.itemsize, self.shape)]
+        axes = _make_axes(self.shape, *facts).copy()
+        axes[0, :3] = begin, origins.offset, directions.offset
+        axes[0, 3:] = [0 if len(each) == 1 else -begin * each.itemsize for each in parts]
+        return axes
+
+    @property
+    def doubles(self) -> int:
+        """Which vectors are float64, see cl/rays/arrays.cl."""
+        return (self.arrays.origins.dtype.itemsize == 8) + 2 * (self.arrays.directions.dtype.itemsize == 8)
+
+
+def _find_contiguous_strides(item_bytes: int, shape: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(item_bytes * math.prod(shape[axis + 1 :]) for axis in range(len(shape)))
+
+
+@lru_cache(maxsize=256)
+def _make_axes(shape: tuple[int, ...], *facts: tuple[int, ...]) -> NDArray[np.int64]:
+    """Return `RayBatch.axes`, given the shapes and strides of the arrays; all arrays step through a row as one axis."""
+    of_vectors, of_numbers = facts[:4], facts[4:]
+    columns = [
+        _find_steps(own[:-1], strides[:-1], shape)
+        for own, strides in zip(of_vectors[::2], of_vectors[1::2], strict=True)
+    ]
+    columns += [
+        _find_steps(own, strides, shape) for own, strides in zip(of_numbers[::2], of_numbers[1::2], strict=True)
+    ]
+    rows: list[list[int]] = []
+    for axis, length in enumerate(shape):
+        row = [length, *(steps[axis] for steps in columns)]
+        if rows and all(before == length * step for before, step in zip(rows[-1][1:], row[1:], strict=True)):
+            row[0] *= rows.pop()[0]
+        rows.append(row)
+    coordinates = [3, of_vectors[1][-1], of_vectors[3][-1], 0, 0, 0]
+    axes = np.array([[0] * 6, coordinates, *(rows or [[1, 0, 0, 0, 0, 0]])], np.int64)
+    axes.flags.writeable = False
+    return axes
+
+
+def _find_steps(own: tuple[int, ...], strides: tuple[int, ...], shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the bytes from one item to the next along each axis of the shape that an array is broadcast to."""
+    steps = (0 if length == 1 else stride for length, stride in zip(own, strides, strict=True))
+    return (*(0,) * (len(shape) - len(own)), *steps)
+
+
+def read_rays(
+    origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None = None
+) -> RayBatch:
+    """Return rays as a batch, without a copy where possible.
+
+    Raises
+    ------
+    QueryError
+        A wrong shape, shapes that do not broadcast, or a limit that is out of range.
+    """
+    return _make_batch(read_vectors(origins, "origins"), read_vectors(directions, "directions"), t_min, t_max, mask)
+
+
+def read_device_rays(
+    origins: Any, directions: Any, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None = None
+) -> RayBatch:
+    """Return rays whose vectors are on a device, float32 or float64; all else as `read_rays`."""
+    _check_vectors(origins, "origins")
+    _check_vectors(directions, "directions")
+    return _make_batch(origins, directions, t_min, t_max, mask)
+
+
+def _make_batch(origins: Any, directions: Any, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None) -> RayBatch:
+    shape = origins.shape[:-1]
+    if shape != directions.shape[:-1]:
+        shape = _ray_shape(origins, directions)
+    limits = _read_limits(t_min, "t_min", shape, 0.0), _read_limits(t_max, "t_max", shape)
+    masks = ALL_VISIBLE if mask is None else _read_masks(mask, shape)
+    return RayBatch(RayArrays(origins, directions, *limits, masks), shape)
+
+
+class RowBatch(NamedTuple):
+    """Rays in arrays of the host that are broadcast to one shape.
 
     Attributes
     ----------
     origins, directions : Broadcast of float32 or float64 vectors, the file's coordinates
     t_min, t_max : Broadcast of float64, lengths of the direction
-    mask : Broadcast of uint32, or None
-        The instances of a scene that are visible; None: all.
+    mask : Broadcast of uint32
     """
 
     origins: Broadcast
     directions: Broadcast
     t_min: Broadcast
     t_max: Broadcast
-    mask: Broadcast | None = None
-
-    @property
-    def ray_count(self) -> int:
-        """Number of rays."""
-        return math.prod(self.origins.shape)
+    mask: Broadcast
 
     @property
     def is_contiguous(self) -> bool:
         """Whether parts are views, not copies."""
         return self.origins.is_contiguous and self.directions.is_contiguous
-
-    def take(self, ray_ids: NDArray[np.integer]) -> RayBatch:
-        """Return some of the rays, by their indices in C order."""
-        origins, directions, t_min, t_max = (values.take(ray_ids) for values in self[:4])
-        return RayBatch(origins, directions, t_min, t_max, None if self.mask is None else self.mask.take(ray_ids))
 
     def part(self, begin: int, end: int) -> RayRows:
         """Return rays `begin` to `end`, counted in C order."""
@@ -68,76 +206,6 @@ class RayBatch(NamedTuple):
         return self.origins.part(begin, end, dtype), self.directions.part(begin, end, dtype)
 
 
-def read_rays(
-    origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None = None
-) -> tuple[RayBatch, tuple[int, ...]]:
-    """Return rays as a batch, without a copy where possible, and the leading shape that they are broadcast to.
-
-    Raises
-    ------
-    QueryError
-        A wrong shape, shapes that do not broadcast, or a limit that is out of range.
-    """
-    origins, directions = read_vectors(origins, "origins"), read_vectors(directions, "directions")
-    shape = _ray_shape(origins, directions)
-    limits, masks = _read_conditions(shape, t_min, t_max, mask)
-    vectors = Broadcast.to_shape(origins, 1, shape), Broadcast.to_shape(directions, 1, shape)
-    return RayBatch(*vectors, *limits, masks), shape
-
-
-class DeviceRays(NamedTuple):
-    """Rays in arrays on a device, which kernels read where they are; see cl/rays/arrays.cl.
-
-    Attributes
-    ----------
-    origins, directions : pyopencl.array.Array of float32 or float64 vectors, the file's coordinates
-        With any strides.
-    t_min, t_max, mask : as in `RayBatch`
-    shape : tuple of int
-        Leading shape that both are broadcast to.
-    """
-
-    origins: Any
-    directions: Any
-    t_min: Broadcast
-    t_max: Broadcast
-    mask: Broadcast | None
-    shape: tuple[int, ...]
-
-    @property
-    def ray_count(self) -> int:
-        """Number of rays."""
-        return math.prod(self.shape)
-
-    def axes(self, begin: int) -> NDArray[np.int64]:
-        """Return the (n, 3) numbers by which kernels find rays from `begin` on."""
-        columns = [[begin, 3, *self.shape]]
-        for array in (self.origins, self.directions):
-            leading = zip(array.shape[:-1], array.strides[:-1], strict=True)
-            steps = [0 if length == 1 else stride for length, stride in leading]
-            columns.append([array.offset, array.strides[-1], *[0] * (len(self.shape) - len(steps)), *steps])
-        return np.array(columns, np.int64).T
-
-    def to_host(self) -> RayBatch:
-        """Return the rays in the host's memory."""
-        origins, directions = (Broadcast.to_shape(on_host(each), 1, self.shape) for each in self[:2])
-        return RayBatch(origins, directions, self.t_min, self.t_max, self.mask)
-
-
-Rays: TypeAlias = RayBatch | DeviceRays
-
-
-def read_device_rays(
-    origins: Any, directions: Any, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None = None
-) -> tuple[DeviceRays, tuple[int, ...]]:
-    """Return rays whose vectors are on a device; all else as `read_rays`."""
-    for values, name in ((origins, "origins"), (directions, "directions")):
-        _check_vectors(values, name)
-    shape = _ray_shape(origins, directions)
-    limits, masks = _read_conditions(shape, t_min, t_max, mask)
-    return DeviceRays(origins, directions, *limits, masks, shape), shape
-
-
 def _ray_shape(origins: Any, directions: Any) -> tuple[int, ...]:
     try:
         return broadcast_shape(origins.shape[:-1], directions.shape[:-1])
@@ -148,29 +216,28 @@ def _ray_shape(origins: Any, directions: Any) -> tuple[int, ...]:
         ) from None
 
 
-def _read_conditions(
-    shape: tuple[int, ...], t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None
-) -> tuple[tuple[Broadcast, Broadcast], Broadcast | None]:
-    """Return the limits and the masks of rays of this leading shape."""
-    limits = _read_limits(t_min, "t_min", shape, 0.0), _read_limits(t_max, "t_max", shape)
-    return limits, None if mask is None else read_masks(mask, shape)
-
-
 def read_vectors(values: ArrayLike, name: str) -> NDArray[Any]:
-    """Return (..., 3) float32 or float64."""
-    vectors = _read_numbers(values, name)
-    if vectors.dtype not in (np.float32, np.float64):
-        with np.errstate(over="ignore"):  # of a wider dtype; what is not finite is refused later, by its index
-            vectors = vectors.astype(np.float64)
-    if vectors.shape == (0,):  # an empty list
-        vectors = vectors.reshape(0, 3)
-    _check_vectors(vectors, name)
-    return vectors
+    """Return (..., 3) float32 or float64, aligned."""
+    # As many do: what follows would take a single ray a quarter of its time.
+    if type(values) is np.ndarray and values.dtype in _FLOATS and values.flags.aligned and values.shape[-1:] == (3,):
+        return values
+    return _read_any_vectors(values, name)
 
 
 def _check_vectors(vectors: Any, name: str) -> None:
     if vectors.ndim == 0 or vectors.shape[-1] != 3:
         raise QueryError(f"{name} must have shape (3,), (n, 3) or (..., 3), not {vectors.shape}")
+
+
+def _read_any_vectors(values: ArrayLike, name: str) -> NDArray[Any]:
+    vectors = _read_numbers(values, name)
+    if vectors.dtype not in _FLOATS:
+        with np.errstate(over="ignore"):  # of a wider dtype; what is not finite is refused later, by its index
+            vectors = vectors.astype(np.float64)
+    if vectors.shape == (0,):  # an empty list
+        vectors = vectors.reshape(0, 3)
+    _check_vectors(vectors, name)
+    return vectors if vectors.flags.aligned else vectors.copy()
 
 
 def read_points(points: ArrayLike) -> Broadcast:
@@ -196,15 +263,15 @@ def _read_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
 
 def read_lengths(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Broadcast:
     """Return lengths of rays from points of this leading shape; infinity is allowed."""
-    return _read_limits(values, name, shape, 0.0, "points")
+    return Broadcast.to_shape(_read_limits(values, name, shape, 0.0, "points"), 0, shape)
 
 
 def _read_limits(
     values: ArrayLike, name: str, shape: tuple[int, ...], least: float = -np.inf, subject_name: str = "rays"
-) -> Broadcast:
+) -> NDArray[np.float64]:
     """Return a limit of rays of this leading shape; infinity is allowed."""
     if type(values) is float and values >= least:  # in a tenth of the time, which matters for a single ray
-        return Broadcast.of_one(np.array([values]), shape)
+        return _as_limit(values)
     limits = _read_numbers(values, name).astype(np.float64, copy=False)
     if limits.shape and limits.shape != shape and not _fits(limits.shape, shape):
         raise QueryError(
@@ -218,10 +285,22 @@ def _read_limits(
         subject = f"{name}[{', '.join(map(str, index))}]" if limits.shape else name
         wanted = "a number" if least == -np.inf else f"a number from {least:g}"
         raise QueryError(f"{subject} must be {wanted}, not {wrong}")
-    return Broadcast.to_shape(limits, 0, shape)
+    return limits if limits.flags.aligned else limits.copy()
 
 
-def read_masks(values: ArrayLike, shape: tuple[int, ...], subject: str = "rays") -> Broadcast:
+@lru_cache(maxsize=64)
+def _as_limit(value: float) -> NDArray[np.float64]:
+    limit = np.array(value)
+    limit.flags.writeable = False
+    return limit
+
+
+def read_masks(values: ArrayLike, shape: tuple[int, ...], subject: str = "points") -> Broadcast:
+    """Return the masks of points of this leading shape."""
+    return Broadcast.to_shape(_read_masks(values, shape, subject), 0, shape)
+
+
+def _read_masks(values: ArrayLike, shape: tuple[int, ...], subject: str = "rays") -> NDArray[np.uint32]:
     """Return the masks of rays or points of this leading shape."""
     masks = _read_numbers(values, "mask")
     if masks.dtype.kind not in "iu":
@@ -233,7 +312,7 @@ def read_masks(values: ArrayLike, shape: tuple[int, ...], subject: str = "rays")
         )
     if masks.size and not (int(masks.min()) >= 0 and int(masks.max()) <= _MOST_MASK):
         raise QueryError(f"mask must be from 0 to {_MOST_MASK:#x}, which has 32 bits")
-    return Broadcast.to_shape(masks.astype(np.uint32), 0, shape)
+    return masks.astype(np.uint32)
 
 
 def _fits(given: tuple[int, ...], shape: tuple[int, ...]) -> bool:

@@ -94,7 +94,7 @@ def spread_samples(begin: int, end: int, count: int) -> NDArray[np.int64]:
 def _sample_pairs(batch: RayBatch, begin: int, end: int) -> RayRows:
     """Return neighbours among rays `begin` to `end`, a pair after the other."""
     firsts = spread_samples(begin, end - 1, _SAMPLES)
-    return batch.take(np.stack((firsts, firsts + 1), axis=1).reshape(-1)).part(0, 2 * _SAMPLES)
+    return batch.take(np.stack((firsts, firsts + 1), axis=1).reshape(-1)).rows.part(0, 2 * _SAMPLES)
 
 
 KeyOrder: TypeAlias = Callable[[int, Callable[[int, int, NDArray[np.int32]], object]], NDArray[np.int32]]
@@ -110,8 +110,10 @@ def sort_rays(
     """
     grid = make_grid(box, FINE_CELLS_PER_AXIS if is_pencil else CELLS_PER_AXIS)
 
+    rows = batch.rows
+
     def make_keys(first: int, last: int, keys: NDArray[np.int32]) -> None:
-        _LOOPS.write_keys(*batch.part(begin + first, begin + last).as_arguments(), grid, is_pencil, keys)
+        _LOOPS.write_keys(*rows.part(begin + first, begin + last).as_arguments(), grid, is_pencil, keys)
 
     return order_by_keys(end - begin, make_keys)
 
@@ -139,6 +141,7 @@ def find_row_length(batch: RayBatch) -> int | None:
     """
     if batch.ray_count < _LEAST_ROW_LENGTH * _LEAST_ROWS:
         return None
-    ray_count = batch.ray_count if batch.is_contiguous else min(batch.ray_count, _MOST_COPIED)
-    rays = RayRows(*batch.vectors(0, ray_count), *[np.zeros(1)] * 2)  # limits do not matter, and might be copied
+    rows = batch.rows
+    ray_count = batch.ray_count if rows.is_contiguous else min(batch.ray_count, _MOST_COPIED)
+    rays = RayRows(*rows.vectors(0, ray_count), *[np.zeros(1)] * 2)  # limits do not matter, and might be copied
     return _PICTURES.find_row_length(*rays.as_arguments(), ray_count, _LEAST_ROW_LENGTH, _LEAST_ROWS) or None

@@ -24,9 +24,6 @@ _ALL_GOOD, _NOT_SHARED = -1, -2
 # Origins that are compared before rays are packed as those of one camera.
 _SAMPLED_ORIGINS = 16
 
-# The mask of rays that see every instance.
-ALL_VISIBLE = np.uint32(0xFFFFFFFF)
-
 
 def pack_rays(
     batch: RayBatch,
@@ -82,8 +79,13 @@ def pack_rays(
     if bad != _ALL_GOOD:
         raise explain_bad_ray(batch, first_ray + bad)
     if lows is not None:
-        lows["mask"] = ALL_VISIBLE if batch.mask is None else _masks_of(batch.mask, first_ray, order, len(packed))
+        lows["mask"] = _masks_of(batch.rows.mask, first_ray, order, len(packed))
     return True
+
+
+def check_rays(batch: RayBatch, box: TreeBox, begin: int, end: int) -> None:
+    """Raise as `pack_rays` for rays `begin` to `end`."""
+    pack_rays(batch, batch.rows.part(begin, end), box, np.empty(end - begin, PACKED_RAY), first_ray=begin)
 
 
 def find_shared_low(
@@ -104,17 +106,18 @@ def find_shared_low(
     QueryError
         As `pack_rays`, for the first ray.
     """
-    if not (batch.mask is None or batch.mask.is_one):
+    rows = batch.rows
+    if not rows.mask.is_one:
         return None
     # Scaling by a power of two leaves nothing of a direction in float32 to be rounded off.
-    if reads_direction and batch.directions.items.dtype != np.float32:
+    if reads_direction and rows.directions.items.dtype != np.float32:
         return None
-    if not batch.origins.is_one:
-        sample = batch.origins.take(np.linspace(begin, end - 1, _SAMPLED_ORIGINS).astype(np.int64)).items
+    if not rows.origins.is_one:
+        sample = rows.origins.take(np.linspace(begin, end - 1, _SAMPLED_ORIGINS).astype(np.int64)).items
         if (sample != sample[0]).any():
             return None
     packed, low = np.empty(1, PACKED_RAY), np.zeros(1, RAY_LOW)
-    pack_rays(batch, batch.part(begin, begin + 1), box, packed, first_ray=begin, lows=low)
+    pack_rays(batch, rows.part(begin, begin + 1), box, packed, first_ray=begin, lows=low)
     low["direction"] = 0.0
     return low
 
@@ -130,9 +133,9 @@ def _masks_of(masks: Broadcast, first_ray: int, order: NDArray[np.int32] | None,
 
 def explain_bad_ray(batch: RayBatch, ray_id: int) -> QueryError:
     """Return the error for a bad ray."""
-    rays = batch.part(ray_id, ray_id + 1)
-    origin, direction = rays.origins[0], rays.directions[0]
-    subjects = batch.origins.subject("origins", ray_id), batch.directions.subject("directions", ray_id)
+    rows = batch.rows
+    (origin,), (direction,) = rows.vectors(ray_id, ray_id + 1)
+    subjects = rows.origins.subject("origins", ray_id), rows.directions.subject("directions", ray_id)
     for subject, values in zip(subjects, (origin, direction), strict=True):
         if not np.isfinite(values).all():
             return QueryError(f"{subject} is not finite: {values}")

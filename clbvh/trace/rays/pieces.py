@@ -83,7 +83,6 @@ def cut_rays(
     order_by_keys: KeyOrder,
     *,
     tile_rows: int,
-    shape: tuple[int, ...] = (),
     finds_pictures: bool = True,
     chunk_limit: int = 0,
     most_rays: int = 0,
@@ -100,8 +99,6 @@ def cut_rays(
     order_by_keys : function
     tile_rows : int
         Rows of a work-group of a picture: pieces of a picture are whole rows of tiles.
-    shape : tuple of int
-        Leading shape of the user's arrays. Two or more dimensions are a picture, the last one its row.
     finds_pictures : bool
         Whether pictures are looked for at all: they gain only where there are entry points.
     chunk_limit : int
@@ -121,7 +118,7 @@ def cut_rays(
     most_rays = min(most_rays or chunk_limit, chunk_limit)
     row_length = None
     if finds_pictures and ray_count >= LEAST_RAYS:
-        row_length = find_rows(batch, shape)
+        row_length = find_rows(batch)
     band_rays = (row_length or most_rays + 1) * tile_rows
     if band_rays > most_rays:
         row_length, piece_rays = None, most_rays
@@ -134,7 +131,7 @@ def cut_rays(
         end = min(begin + chunk_rays, part.stop)
         is_many = end - begin >= max(LEAST_RAYS, 2)
         # The rows that were found in the rays themselves are coherent; those of a shape are the user's word.
-        is_found = row_length is not None and not _row_length_of_shape(shape)
+        is_found = row_length is not None and not _row_length_of_shape(batch.shape)
         order, is_coherent = None, is_many
         if is_many and not is_found and is_scattered(batch, begin, end, box):
             # Sorted, the rays of a pencil are as good as those of a picture.
@@ -154,9 +151,12 @@ def cut_rays(
                 progress(last, ray_count)
 
 
-def find_rows(batch: RayBatch, shape: tuple[int, ...]) -> int | None:
-    """Return the number of rays in a row of a picture, by its shape or by the rays; None if it is none."""
-    return _row_length_of_shape(shape) or find_row_length(batch)
+def find_rows(batch: RayBatch) -> int | None:
+    """Return the number of rays in a row of a picture, by its shape or by the rays; None if it is none.
+
+    Of arrays with two or more leading dimensions the last one is a row.
+    """
+    return _row_length_of_shape(batch.shape) or find_row_length(batch)
 
 
 def cut_points(part: range, *, most_points: int = 0, progress: Progress | None = None) -> Iterator[tuple[int, int]]:

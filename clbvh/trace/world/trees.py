@@ -67,7 +67,7 @@ _LEAST_BYTES = {"bvh2": 40, "bvh4": 40, "bvh8": 40, "bvh8c": 15}
 _USUAL_BYTES = 60
 
 
-def choose_layout(layout: str, info: DeviceInfo, suited: str, shapes: Sequence[Shape]) -> str:
+def choose_layout(layout: str, info: DeviceInfo, shapes: Sequence[Shape]) -> str:
     """Return the layout that is asked for; of ``"auto"`` the one that suits a device, or `bvh8c` for a large scene.
 
     Raises
@@ -78,7 +78,7 @@ def choose_layout(layout: str, info: DeviceInfo, suited: str, shapes: Sequence[S
     count = sum(shape.prim_count for shape in shapes if isinstance(shape, Mesh))
     largest = info.max_allocation_bytes
     if layout == "auto":
-        layout = suited if count * _USUAL_BYTES <= largest else COMPACT_LAYOUT
+        layout = info.layout if count * _USUAL_BYTES <= largest else COMPACT_LAYOUT
     least = count * _LEAST_BYTES[layout]
     if least > largest:
         advice = "take the layout bvh8c" if layout != COMPACT_LAYOUT else "cut the mesh by `clbvh shard`"
@@ -104,7 +104,7 @@ def check_fit(device: Any, layout: str, shapes: Sequence[Shape]) -> None:
     """
     if sum(shape.prim_count for shape in shapes) > _BELIEVED:
         info = device if isinstance(device, DeviceInfo) else choose_device(device)
-        choose_layout(layout, info, info.layout, shapes)
+        choose_layout(layout, info, shapes)
 
 
 def pad_stack(layout: str, needed: int) -> int:

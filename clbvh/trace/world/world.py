@@ -95,6 +95,11 @@ class World:
         return buffers | {"block_count": np.int32(self.trees.trees[0].block_count if self.is_lone else 0)}
 
     @cached_property
+    def box_numbers(self) -> NDArray[np.float64]:
+        """The numbers of the box."""
+        return self.box.as_numbers()
+
+    @cached_property
     def defines(self) -> dict[str, int]:
         """Macros of every kernel that traverses the world."""
         trees = self.trees
@@ -213,7 +218,7 @@ def open_world(
     if state.instance_count == 0:
         raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
     check_layout(layout)
-    chosen = BRUTE if bvhs is None else choose_layout(layout, session.info, session.settings.layout, state.shapes)
+    chosen = BRUTE if bvhs is None else choose_layout(layout, session.info, state.shapes)
     if bvhs is None:
         new = [NewTree.without_nodes(shape) for shape in state.shapes]
     else:

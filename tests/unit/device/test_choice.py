@@ -53,28 +53,6 @@ def test_the_host_comes_first_then_a_graphics_card_then_the_one_inside_the_cpu_t
     assert [device.number for device in ordered] == list(range(7))
 
 
-def test_measured_devices_take_each_others_places():
-    usual = [POCL_6, POCL_3, INTEL_CPU, LLVMPIPE]
-    for measured, expected in [
-        ({}, usual),
-        # One that was measured alone cannot be compared, and equal times leave the order as it was.
-        ({INTEL_CPU: 1.0}, usual),
-        ({POCL_6: 4.0, INTEL_CPU: 4.0}, usual),
-        ({POCL_6: 5.0, INTEL_CPU: 4.0}, [INTEL_CPU, POCL_3, POCL_6, LLVMPIPE]),
-        ({POCL_6: 4.0, POCL_3: 3.0, INTEL_CPU: 2.0, LLVMPIPE: 1.0}, usual[::-1]),
-    ]:
-        times = {device.name + device.platform: ms for device, ms in measured.items()}
-        ordered = number_devices(usual[::-1], lambda device, times=times: times.get(device.name + device.platform))
-        assert names_of(ordered) == names_of(expected)
-    # None puts a CPU before a graphics card or an emulator before anything.
-    times = {UHD.name: 9.0, POCL_6.name: 1.0, OCLGRIND.name: 0.1}
-    ordered = number_devices([POCL_6, UHD, OCLGRIND], lambda device: times[device.name])
-    assert names_of(ordered) == names_of([UHD, POCL_6, OCLGRIND])
-    # The host is number 0 whatever was measured.
-    ordered = number_devices([POCL_6, HOST], lambda device: 9.0 if device.is_host else 1.0)
-    assert names_of(ordered) == names_of([HOST, POCL_6])
-
-
 def test_all_devices_are_the_cards_under_one_driver_each_or_the_accelerators():
     radeons = replace(RADEON, vendor="Advanced Micro Devices, Inc."), replace(RADEON_OF_MESA, vendor="AMD")
     for machine, expected in [

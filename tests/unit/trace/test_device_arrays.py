@@ -95,11 +95,11 @@ def test_kernels_pack_and_refine_to_the_bits_of_the_host(kind, seed, monkeypatch
 
         # The primitive says little of how a ray was packed.
         device = tracer._caster.working[0]
-        batch, (arrays, _) = read_rays(*rays, *limits.values())[0], read_device_rays(*there, *limits.values())
+        batch, arrays = read_rays(*rays, *limits.values()), read_device_rays(*there, *limits.values())
         with device.open_call() as call:
             for piece in cut_batch(call, arrays):
                 packed, low = np.empty(piece.ray_count, PACKED_RAY), np.zeros(piece.ray_count, RAY_LOW)
-                pack_rays(batch, batch.part(piece.begin, piece.end), device.world.box, packed, lows=low)
+                pack_rays(batch, batch.rows.part(piece.begin, piece.end), device.world.box, packed, lows=low)
                 found, found_low, described = packed.copy(), low.copy(), put_rays(call, arrays, piece).arguments
                 call.session.download(described["rays"], found)
                 assert found.tobytes() == packed.tobytes()

@@ -21,9 +21,9 @@ def test_the_t_of_the_device_is_the_last_one_that_hits(open_tracer, mesh, rays, 
     directions = rays[1] / np.abs(rays[1]).max(axis=1, keepdims=True)
     directions = directions.astype(np.float32).astype(np.float64)
     directions[np.arange(len(directions)), np.abs(directions).argmax(axis=1)] = 1.0
-    tracer, (batch, shape) = open_tracer(mesh, layout=layout), read_rays(rays[0], directions, 0.0, np.inf)
+    tracer, batch = open_tracer(mesh, layout=layout), read_rays(rays[0], directions, 0.0, np.inf)
     with tracer._caster.open_call() as call:
-        (piece,) = cut_batch(call, batch, shape)
+        (piece,) = cut_batch(call, batch)
         with call.cast(closest.CLOSEST_HIT, put_rays(call, batch, piece)) as found:
             t, is_hit = found["t"].copy(), found["prim_id"] != NO_PRIM
     hits = rays[0][is_hit], directions[is_hit]

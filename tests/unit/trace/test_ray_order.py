@@ -25,7 +25,7 @@ def cube(scale=1.0):
 
 
 def order_of(origins, directions, t_max=np.inf, *, box=None, order=order_by_keys, count_steps=None):
-    (batch, _), box = read_rays(origins, directions, 0.0, t_max), box or cube()
+    batch, box = read_rays(origins, directions, 0.0, t_max), box or cube()
     (piece,) = pieces.cut_rays(batch, box, order, tile_rows=8, finds_pictures=False, count_steps=count_steps)
     return piece.order
 
@@ -59,7 +59,7 @@ def test_scattered_rays_are_sorted(tracer):
     with tracer._caster.open_call() as call:
         assert order_of(origins, directions, order=call.order_by_keys).tobytes() == order.tobytes()
     begin, end = 1000, 1000 + 2 * pieces.LEAST_RAYS
-    of_part = sort_rays(read_rays(origins, directions, 0.0, np.inf)[0], begin, end, cube(), order_by_keys)
+    of_part = sort_rays(read_rays(origins, directions, 0.0, np.inf), begin, end, cube(), order_by_keys)
     assert of_part.tobytes() == order_of(origins[begin:end], directions[begin:end]).tobytes()
 
     # Those that meet nothing come last.
@@ -99,7 +99,7 @@ def test_rays_stay_as_they_are_where_sorting_does_not_pay():
     # Rays that visit few nodes; sorted, a pencil gets entry points as well.
     for steps, rays, is_sorted in ((1.0, scattered, False), (10.0, scattered, True), (2.5, scattered, False),
                                    (1.0, pencil, False), (10.0, pencil, True), (2.5, pencil, True)):  # fmt: skip
-        order = order_of(*rays, count_steps=lambda sample, steps=steps: steps * (len(sample.directions.items) == 512))
+        order = order_of(*rays, count_steps=lambda sample, steps=steps: steps * (sample.ray_count == 512))
         assert (order is not None) == is_sorted, steps
 
 
@@ -162,52 +162,52 @@ def expected(wide, picture):
 
 
 @pytest.fixture
-def launches(session, monkeypatch):
-    """What is launched from now on: name, work-items and work-group; no batch has too few rays for an order."""
-    launched, run = [], type(session).run
+def cast(monkeypatch):
+    """The pieces that are cast from now on, query by query; no batch has too few rays for an order."""
+    queries, cut = [], put_rays.cut_rays
 
-    def record(session, kernel, size, group, **arguments):
-        launched.append((kernel.name, size, group))
-        run(session, kernel, size, group, **arguments)
+    def record(*arguments, **options):
+        queries.append([])
+        for piece in cut(*arguments, **options):
+            queries[-1].append(piece)
+            yield piece
 
-    monkeypatch.setattr(type(session), "run", record)
+    monkeypatch.setattr(put_rays, "cut_rays", record)
     monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
-    return launched
+    return queries
 
 
 @pytest.mark.parametrize("chunk", [2**20, 8 * WIDTH, 8 * WIDTH - 1, 5000, 1000])
-def test_a_picture_is_cast_in_chunks_of_whole_tiles(wide, picture, expected, launches, monkeypatch, chunk):
+def test_a_picture_is_cast_in_chunks_of_whole_tiles(wide, picture, expected, cast, monkeypatch, chunk):
     monkeypatch.setattr(pieces, "CHUNK_RAYS", chunk)
     assert ask(wide, picture) == expected
-    closest = [(size, group) for name, size, group in launches if name == "closest_hit"]
-    if chunk < 8 * WIDTH:
-        # A row of tiles does not fit: one row of rays.
-        assert {group for _, group in closest} == {(32, 1)}
-    else:
-        assert {group for _, group in closest} == {(8, 8)}
-        assert all(size[0] == WIDTH and size[0] * size[1] <= chunk for size, _ in closest)
-        assert all(size[1] % 8 == 0 for size, _ in closest[:-1])
-        assert sum(size[1] for size, _ in closest) == HEIGHT
-    assert [name for name, _, _ in launches].count("tile_entry_points") >= len(closest)
+    closest = cast[0]
+    # A row of tiles may not fit: then it is one row of rays.
+    assert {piece.row_length for piece in closest} == {None if chunk < 8 * WIDTH else WIDTH}
+    counts = [piece.ray_count for piece in closest]
+    assert max(counts) <= chunk
+    assert sum(counts) == len(picture[0])
+    if chunk >= 8 * WIDTH:
+        assert all(count % (8 * WIDTH) == 0 for count in counts[:-1])
+    assert all(piece.is_coherent for piece in closest)
 
 
-def test_the_shape_of_a_picture_is_not_guessed_but_may_lie(wide, picture, expected, launches, monkeypatch):
+def test_the_shape_of_a_picture_is_not_guessed_but_may_lie(wide, picture, expected, cast, monkeypatch):
     monkeypatch.setattr(pieces, "find_row_length", None)  # nobody asks
     rows = len(picture[0]) // WIDTH
     hits = wide.closest_hit(*(part[: rows * WIDTH].reshape(rows, WIDTH, 3) for part in picture))
     assert hits.t.tobytes() == expected[0][: hits.t.nbytes]
-    assert launches[-1] == ("closest_hit", (WIDTH, rows), (8, 8))
+    assert [(piece.ray_count, piece.row_length) for piece in cast[-1]] == [(rows * WIDTH, WIDTH)]
     scattered = [part[np.random.default_rng(41).permutation(64 * 128)].reshape(64, 128, 3) for part in picture]
     wide.closest_hit(*scattered)
-    assert launches[-1] == ("closest_hit", (64 * 128, 1), (32, 1))
+    assert [(piece.ray_count, piece.row_length) for piece in cast[-1]] == [(64 * 128, None)]
 
 
-def test_shuffled_rays_have_entries_if_they_are_of_one_camera(wide, picture, expected, launches, monkeypatch):
+def test_shuffled_rays_have_entries_if_they_are_of_one_camera(wide, picture, expected, cast):
     order = np.random.default_rng(40).permutation(len(picture[0]))
     shuffled = wide.closest_hit(*(part[order] for part in picture))
     assert shuffled.t.tobytes() == np.frombuffer(expected[0])[order].tobytes()
-    # Behind those that sort.
-    assert [name for name, _, _ in launches][-3:] == ["scatter_pairs", "tile_entry_points", "closest_hit"]
-    launches.clear()
+    assert [(piece.order is not None, piece.is_coherent) for piece in cast[-1]] == [(True, True)]
+    cast.clear()
     ask(wide, random_rays(wide.mesh, 5000, np.random.default_rng(42)))
-    assert "tile_entry_points" not in {name for name, _, _ in launches}
+    assert not any(piece.is_coherent for query in cast for piece in query)

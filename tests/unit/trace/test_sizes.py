@@ -165,8 +165,8 @@ def test_a_far_origin_advances_by_whole_steps():
     for step in ([1.0, 2.0, 4.0], [-3.0, 1.0, 8.0]):
         targets = np.random.default_rng(5).integers(-(2**18), 2**18, (100, 3)) * 2.0**-18
         packed = np.zeros(len(targets), PACKED_RAY)
-        rays, _ = read_rays(targets - 1_000_003 * np.float64(step), np.float64(step), 0.0, np.inf)
-        pack_rays(rays, rays.part(0, len(targets)), TreeBox.around(bvh), packed)
+        rays = read_rays(targets - 1_000_003 * np.float64(step), np.float64(step), 0.0, np.inf)
+        pack_rays(rays, rays.rows.part(0, len(targets)), TreeBox.around(bvh), packed)
         advanced = packed["t_max"] > 0
         assert advanced.mean() > 0.9
         left = (targets[advanced] - packed["origin"][advanced] / bvh.mesh.scale) / step
