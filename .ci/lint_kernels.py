@@ -29,8 +29,8 @@ from pathlib import Path
 PROJECT = Path(__file__).resolve().parents[1]
 FOLDERS = ("cl",)
 
-# The folder of what only the host runs.
-_HOST = "host"
+# The folders of what only the host runs.
+_HOST = {"host", "on_host"}
 
 # Where the host looks for an include.
 INCLUDE_ROOTS = ("cl",)
@@ -117,7 +117,7 @@ class Linter:
         return sorted(
             [
                 *_check_text(path.read_bytes().decode("utf-8")),
-                *self._check_includes(self._read(path), has_doubles=_HOST in path.parts),
+                *self._check_includes(self._read(path), has_doubles=not _HOST.isdisjoint(path.parts)),
             ]
         )
 

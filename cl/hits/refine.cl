@@ -156,7 +156,8 @@ INLINED refined_hit_t refine_on_sphere(
     double3 normal;
     const double t = sphere_crossing(
         multiply(surfaces->inverse, instance, ray->origin - load_wide_row(surfaces->offset, instance)),
-        multiply(surfaces->inverse, instance, ray->direction), load_wide_row(sphere, 0), sphere[3], is_leaving, &normal);
+        multiply(surfaces->inverse, instance, ray->direction), load_wide_row(sphere, 0), sphere[3], is_leaving,
+        &normal);
     const double2 uv = sphere_uv(normal);
     const refined_hit_t hit = {t, uv.x, uv.y, is_leaving ? -1.0 : 1.0};
     return hit;

@@ -5,6 +5,8 @@
 #include "hits/refine.cl"
 #include "hits/surfaces.cl"
 
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+
 // The arrays of `RefinedHits`.
 typedef struct {
     double *t;

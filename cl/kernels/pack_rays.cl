@@ -10,6 +10,8 @@
 
 #include "rays/store.cl"
 
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+
 kernel void pack_rays(
     ARRAY_ARGUMENTS, const global double *restrict box, global packed_ray_t *restrict rays,
     global ray_rest_t *restrict lows, global int *restrict bad)

@@ -4,7 +4,7 @@
 // found[ray_count]             with a lone shape
 // found_in_world[ray_count]    the same buffer, with any other world
 // vertices, ..., is_lone       of the surfaces, see hits/surfaces.cl
-// t[], u[], v[], is_front[], prim_id[], instance_id[], geometry_id[]    written, from the number of the first ray on, axes[0]
+// t[], u[], v[], is_front[], prim_id[], instance_id[], geometry_id[]    written, from the first ray's number, axes[0]
 //
 // Work-items: (ray_count), rounded up to whole work-groups.
 

@@ -1,5 +1,5 @@
-// A batch of rays in memory that are cast at a world; rays/batch.cl tells how it is laid out. Here a work-item casts one
-// ray; on the host it casts those of a tile, see on_host/world/rays.cl, whose functions have the same names.
+// A batch of rays in memory that are cast at a world; rays/batch.cl tells how it is laid out. A work-item casts one
+// ray. That of the host casts those of a tile, see on_host/world/rays.cl, whose functions have the same names.
 //
 // Arguments that the kernels of rays share:
 //

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..device.host.library import HostKernel
 from ..device.radix_sort import sort_pairs
 from ..device.session import DeviceSession
+from ..errors import InternalError
 from ..support.context_manager import ContextManager
 from ..support.forks import make_lock
 from .running_calls import MemoryLoan, RunningCalls
@@ -184,8 +185,11 @@ class Caster(ContextManager):
             The world is no longer on the device.
         """
         if name not in self._kernels_at_world:
-            self.calls.check_open()
-            self._kernels_at_world[name] = self.kernel(name).with_first(self.world.arguments)
+            try:
+                self._kernels_at_world[name] = self.kernel(name).with_first(self.world.arguments)
+            except InternalError:  # of a buffer that was given back
+                self.calls.check_open()
+                raise
         kernel = self._kernels_at_world[name]
         # Another thread may give the buffers back from here on: what is held stays.
         used = kernel.hold()

@@ -244,7 +244,8 @@ static bool fits(const walls_t *walls, const double3 centre, const double radius
 // The coordinates of the nearest point of a triangle at which a ball fits; those given if there is none. The point is
 // moved at right angles away from each edge, and to the centroid, by longer and longer steps.
 static double2 find_place(
-    const wide_corners_t *t, const double3 normal, const walls_t *walls, const double radius, const double u, const double v)
+    const wide_corners_t *t, const double3 normal, const walls_t *walls, const double radius, const double u,
+    const double v)
 {
     const double3 ab = t->b - t->a, ac = t->c - t->a;
     const double3 place = t->a + u * ab + v * ac;

@@ -1,5 +1,5 @@
-// The nearest hit of each ray, as in kernels/closest_hit.cl, in whose place this is; and computed again in double, while
-// the rays of a tile are in the cache.
+// The nearest hit of each ray, in the place of kernels/closest_hit.cl: computed again in double while the rays of a
+// tile are in the cache.
 //
 // Shared arguments: see cl/world/world.cl and on_host/world/rays.cl.
 // hits[ray_count]     written by ray_id as there, unless NULL

@@ -1,5 +1,5 @@
-// Rays in arrays of the user that the host casts at a world, in the place of world/rays.cl: a work-item packs the rays of
-// a tile, finds where they begin, and casts them one after the other, all of it in the cache.
+// Rays in arrays of the user that the host casts at a world, in the place of world/rays.cl. A work-item packs the rays
+// of a tile, finds where they begin, and casts them one after the other, all of it in the cache.
 //
 // Arguments that the kernels of rays share, besides those of cl/rays/arrays.cl:
 //

@@ -43,9 +43,11 @@ def find_closest_hits(caster: Caster, batch: RayBatch, progress: Progress | None
     flat = refined if are_few(caster, batch) else refined.reshape(-1)
 
     def cast_piece(device: Caster, piece: RayPiece) -> None:
-        *arrays, instance_id = flat.part(piece.begin, piece.end)
+        # Held until the kernel returns: their addresses are no reference, and another thread may have made others.
+        surfaces = device.world.arrays
+        *written, instance_id = flat.part(piece.begin, piece.end)
         instances = None if world.is_lone else instance_id
-        cast_here(device, "closest_hit", batch, piece, (None, device.world.arrays.addresses, *arrays, instances))
+        cast_here(device, "closest_hit", batch, piece, (None, surfaces.addresses, *written, instances))
 
     def cast(call: Call, part: range, progress: Progress | None) -> None:
         for piece in cut_batch(call, batch, part=part, progress=progress):

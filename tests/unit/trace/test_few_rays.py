@@ -9,6 +9,8 @@ from clbvh.trace.hits import closest
 from clbvh.trace.put_rays import cut_batch, put_rays
 from clbvh.trace.rays.batch import read_rays
 
+from ...concurrency.threads import run_in_threads
+
 LAYOUTS = ["bvh4", "bvh8"]
 DOWN = [[0.25, 0.25, 2.0]], [[0.0, 0.0, -1.0]]
 TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]
@@ -70,3 +72,62 @@ def test_updates_are_followed(session):
             tracer.update(vertices + way * moves)
             assert tracer.any_hit(*DOWN).tolist() == [way == 0.0]
             assert tracer.closest_hit([[5.25, 5.25, 2]], DOWN[1]).t.tolist() == [2.0]
+
+
+def test_threads_cast_while_the_mesh_moves_and_until_the_tracer_is_closed(mesh, rays):
+    """What a call refers to stays until its kernel returns: arrays that nobody else has, buffers given back."""
+    few = rays[0][:7], rays[1][:7]
+    with Tracer(mesh, device="host") as tracer:
+        expected = [tracer.closest_hit(*few).t.tobytes()]
+        tracer.update(2 * mesh.vertices)
+        expected.append(tracer.closest_hit(*few).t.tobytes())
+
+        def cast():
+            found = set()
+            try:
+                while True:
+                    found.add(tracer.closest_hit(*few).t.tobytes())
+            except QueryError as error:
+                assert "the tracer is closed" in str(error)  # noqa: PT017 (calls before it succeed)
+            return found
+
+        def move():
+            for step in range(60):
+                tracer.update((1 + step % 2) * mesh.vertices)
+            tracer.close()
+
+        found = run_in_threads(cast, cast, cast, move)[:3]
+    assert set().union(*found) == set(expected)
+
+
+@pytest.mark.parametrize("dtype", ["f4", "f8", ">f8", "i4"])
+def test_arrays_of_any_layout_are_read_where_they_are(mesh, rays, dtype):
+    origins, directions = (np.round(part[:480] * 8).astype(dtype) for part in rays)
+    directions[(directions == 0).all(axis=1)] = 1
+    both = np.concatenate((origins, directions), axis=1)
+    unaligned = [
+        np.frombuffer(b"x" + part.tobytes(), part.dtype, offset=1).reshape(-1, 3) for part in (origins, directions)
+    ]
+    grids = origins.reshape(20, 24, 3), directions.reshape(20, 24, 3)
+    t_max, hit_count = np.random.default_rng(3).uniform(0, 2, 480), 0
+    with Tracer((8 * mesh.vertices, mesh.faces), device="host") as tracer:
+        for given, plain in [
+            ((both[::-1, :3], both[::-1, 3:]), (origins[::-1], directions[::-1])),
+            ([np.asfortranarray(part) for part in (origins, directions)], (origins, directions)),
+            (unaligned, (origins, directions)),
+            ([part[3:17, ::-5] for part in grids], [part[3:17, ::-5] for part in grids]),
+            ([part.transpose(1, 0, 2) for part in grids], [part.transpose(1, 0, 2) for part in grids]),
+            ((origins[:20, None], directions[:24]), [np.repeat(origins[:20, None], 24, axis=1), directions[:24]]),
+            ((origins[0], directions[:, None]), (origins[0], directions[:, None])),
+        ]:
+            shape = np.broadcast_shapes(*(part.shape[:-1] for part in given))
+            rows = [np.array(np.broadcast_to(part, (*shape, 3)).reshape(-1, 3), np.float64) for part in plain]
+            limit = np.broadcast_to(t_max[: shape[-1]], shape)
+            found, expected = (
+                tracer.closest_hit(*given, t_max=limit),
+                tracer.closest_hit(*rows, t_max=limit.reshape(-1)),
+            )
+            assert found.shape == shape
+            assert (found.t.tobytes(), found.prim_id.tobytes()) == (expected.t.tobytes(), expected.prim_id.tobytes())
+            hit_count += expected.count
+    assert hit_count > 300
