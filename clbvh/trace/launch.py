@@ -320,10 +320,12 @@ class Call(MemoryLoan):
         self.check_stopped()
         dtype, count = query.dtype or self.world.hit_dtype, batch.item_count * results_per_item
         results = self.take("results", count * dtype.itemsize, for_mapping=True)
-        self.session.run(
-            self.caster.kernel(query.kernel), batch.work_size, batch.work_group,
-            **self.world.arguments, **batch.arguments, **{query.results: results}, **arguments,
-            **(query.more_on_host if self.session.info.is_host else {}),
-        )  # fmt: skip
+        own = {**batch.arguments, query.results: results, **arguments}
+        if self.session.info.is_host and self.world is self.caster.world:
+            kernel, _ = self.caster.kernel_at_world(query.kernel)
+            self.session.run(kernel, batch.work_size, batch.work_group, **own, **query.more_on_host)
+        else:
+            kernel = self.caster.kernel(query.kernel)
+            self.session.run(kernel, batch.work_size, batch.work_group, **self.world.arguments, **own)
         batch.check()
         return results
