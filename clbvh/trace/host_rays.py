@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..device.host.library import find_addresses
+from ..device.host.library import Address, find_addresses
+from ..device.settings import Settings
 from .launch import Caster
 from .rays import pieces
 from .rays.batch import RayBatch
@@ -57,7 +58,7 @@ def cast_here(
         The tracer is closed; or as `pack_rays`.
     """
     kernel, used = device.kernel_at_world(kernel_name)
-    rays = describe_rays(device, batch, piece)
+    rays = describe_rays(device.session.settings, device.world, batch, piece)
     columns, rows = rays.work_size
     launch = kernel.bind_numbers((columns, rows, 1, 1), (*rays.numbers, *find_addresses(arrays), *numbers))
     session: Any = device.session
@@ -65,11 +66,12 @@ def cast_here(
     check_rays_here(device.world, batch, piece, rays.bad)
 
 
-# What kernels of the host are told of rays, in the order of their arguments.
+# What kernels of the host are told of rays, in the order of their arguments, and which of it are addresses.
 _ARGUMENTS = (
     "origins", "directions", "t_mins", "t_maxs", "masks", "doubles", "axes", "axis_count", "ray_count", "box", "order",
     "is_by_place", "row_length", "tile_width", "tile_height", "finds_start", "bad",
 )  # fmt: skip
+_ADDRESSES = {"origins", "directions", "t_mins", "t_maxs", "masks", "axes", "box", "order", "bad"}
 
 
 class HostRays(NamedTuple):
@@ -94,12 +96,15 @@ class HostRays(NamedTuple):
 
     def as_arguments(self) -> dict[str, int]:
         """Return the numbers by the names of the kernels' arguments."""
-        return dict(zip(_ARGUMENTS, self.numbers, strict=True))
+        named = zip(_ARGUMENTS, self.numbers, strict=True)
+        return {name: Address(number) if name in _ADDRESSES else number for name, number in named}
 
 
-def describe_rays(device: Caster, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool = True) -> HostRays:
+def describe_rays(
+    settings: Settings, world: World, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool = True
+) -> HostRays:
     """Return what kernels of the host are told of the rays of a piece; see `put_rays`."""
-    world, settings, row_length, order = device.world, device.session.settings, piece.row_length, piece.order
+    row_length, order = piece.row_length, piece.order
     count = piece.end - piece.begin if order is None else len(order)
     if row_length:
         width, height = settings.tile

@@ -118,7 +118,7 @@ def put_rays(call: Call, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool
         As `pack_rays`.
     """
     if call.session.info.is_host:
-        here = describe_rays(call.caster.at(call.world), batch, piece, in_ray_order=in_ray_order)
+        here = describe_rays(call.session.settings, call.world, batch, piece, in_ray_order=in_ray_order)
         check = partial(check_rays_here, call.world, batch, piece, here.bad)
         return Batch(piece.ray_count, here.work_size, (1, 1), here.as_arguments(), check=check, used=here.used)
     count, settings = piece.ray_count, call.session.settings

@@ -10,7 +10,7 @@ import ctypes
 import os
 import platform
 import struct
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -80,29 +80,24 @@ class HostKernel(Kernel):
         The C types of those that are numbers.
     entry : function
         ``entry(launch, first_group, end_group)``, see host/compile.py.
-    first : mapping of str to argument, optional
-        See `with_first`.
     """
 
-    def __init__(
-        self, name: str, arguments: Mapping[str, str | None], entry: _Entry, first: Mapping[str, Any] | None = None
-    ) -> None:
-        self._kinds = dict(arguments)
-        self._first = b"" if first is None else self._take_first(name, first)
-        super().__init__(name, self._kinds)
+    def __init__(self, name: str, arguments: Mapping[str, str | None], entry: _Entry) -> None:
+        super().__init__(name, arguments)
         self.entry = entry
-        self._buffers = [value for value in (first or {}).values() if value.__class__ is HostBuffer]
-        self._are_addresses = tuple(kind is None for kind in self._kinds.values())
-        self._pack = _make_pack(self._kinds.values())
-
-    def _take_first(self, name: str, first: Mapping[str, Any]) -> bytes:
-        """Return the packed values of the first arguments, which are then none any more."""
-        kinds = {argument: self._kinds.pop(argument) for argument in [*self._kinds][: len(first)]}
-        return HostKernel(name, kinds, None)._bind_all(first)
+        self._kinds = [*arguments.values()]
+        self._are_addresses = tuple(kind is None for kind in self._kinds)
+        self._pack = struct.Struct("<" + "".join(_SLOTS[kind] for kind in self._kinds)).pack
+        self._first = b""
+        self._buffers: list[HostBuffer] = []
 
     def with_first(self, first: Mapping[str, Any]) -> HostKernel:
-        """Return the kernel with its first arguments, which are packed once for many launches."""
-        return HostKernel(self.name, self._kinds, self.entry, first)
+        """Return the kernel without its first arguments, which are packed once for many launches."""
+        kinds = [*zip(self.argument_names, self._kinds, strict=True)]
+        rest = HostKernel(self.name, dict(kinds[len(first) :]), self.entry)
+        rest._first = HostKernel(self.name, dict(kinds[: len(first)]), None)._bind_all(first)
+        rest._buffers = [value for value in first.values() if value.__class__ is HostBuffer]
+        return rest
 
     def hold(self) -> list[Any]:
         """Return the arrays of the first arguments' buffers, to be kept during a launch; None of one given back."""
@@ -142,14 +137,14 @@ class HostKernel(Kernel):
 _pack_shape = struct.Struct("<4i").pack
 
 
-def _make_pack(kinds: Iterable[str | None]) -> Callable[..., bytes]:
-    return struct.Struct("<" + "".join(_SLOTS[kind] for kind in kinds)).pack
+class Address(int):
+    """Where an array begins, in its place among a kernel's arguments; the caller keeps the array."""
 
 
 def _as_address(value: Any) -> Any:
-    """Return the address of a buffer or an array; 0 for none; an address is one."""
+    """Return the address of a buffer or an array; 0 for none."""
     kind = value.__class__
-    if kind is int:
+    if kind is Address:
         return value
     if kind is HostBuffer:
         if value.address is None:

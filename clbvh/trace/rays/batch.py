@@ -1,6 +1,7 @@
 """Reads rays and points as the user gives them. Shapes are checked here, values when they are packed.
 
-Arrays that are broadcast to the shape of the rays are read in C order part by part: no copy is as long as the rays.
+The host's kernels read the arrays where they are. Elsewhere, those that are broadcast to the shape of the rays are read
+in C order part by part: no copy is as long as the rays.
 """
 
 from __future__ import annotations
@@ -113,21 +114,17 @@ def _find_contiguous_strides(item_bytes: int, shape: tuple[int, ...]) -> tuple[i
 @lru_cache(maxsize=256)
 def _make_axes(shape: tuple[int, ...], *facts: tuple[int, ...]) -> NDArray[np.int64]:
     """Return `RayBatch.axes`, given the shapes and strides of the arrays; all arrays step through a row as one axis."""
-    of_vectors, of_numbers = facts[:4], facts[4:]
-    columns = [
-        _find_steps(own[:-1], strides[:-1], shape)
-        for own, strides in zip(of_vectors[::2], of_vectors[1::2], strict=True)
-    ]
-    columns += [
-        _find_steps(own, strides, shape) for own, strides in zip(of_numbers[::2], of_numbers[1::2], strict=True)
-    ]
+    shapes, strides = [*facts[::2]], [*facts[1::2]]
+    coordinates = [3, strides[0][-1], strides[1][-1], 0, 0, 0]
+    for vectors in (0, 1):  # their last axis is that of the coordinates
+        shapes[vectors], strides[vectors] = shapes[vectors][:-1], strides[vectors][:-1]
+    columns = [_find_steps(own, steps, shape) for own, steps in zip(shapes, strides, strict=True)]
     rows: list[list[int]] = []
     for axis, length in enumerate(shape):
         row = [length, *(steps[axis] for steps in columns)]
         if rows and all(before == length * step for before, step in zip(rows[-1][1:], row[1:], strict=True)):
             row[0] *= rows.pop()[0]
         rows.append(row)
-    coordinates = [3, of_vectors[1][-1], of_vectors[3][-1], 0, 0, 0]
     axes = np.array([[0] * 6, coordinates, *(rows or [[1, 0, 0, 0, 0, 0]])], np.int64)
     axes.flags.writeable = False
     return axes
@@ -381,12 +378,6 @@ class Broadcast(NamedTuple):
         else:
             items = np.broadcast_to(values, shape + item_shape)
         return cls._of_items(items, item_dims, given_shape, shape)
-
-    @classmethod
-    def of_one(cls, items: NDArray[Any], shape: tuple[int, ...]) -> Broadcast:
-        """Broadcast the only item of an array, (1, ...), which becomes read-only."""
-        items.flags.writeable = False
-        return cls(items, True, True, (), shape)
 
     @classmethod
     def _of_items(

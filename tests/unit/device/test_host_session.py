@@ -51,6 +51,21 @@ def test_every_item_runs_once(host, scale_rows, size, group):
     assert host.times.sums_ms()["kernel"] > 0
 
 
+def test_the_first_arguments_of_a_kernel_may_be_given_once_for_many_launches(host, scale_rows):
+    values = np.arange(COUNT, dtype=np.float32)
+    buffer, found = host.upload(values), np.empty_like(values)
+    kernel = scale_rows.with_first({"x": buffer})
+    host.run(kernel, (COUNT,), (64,), factor=np.float32(2), count=np.int32(COUNT))
+    host.run_groups(kernel.entry, kernel.bind_numbers((COUNT, 1, 1, 1), (3.0, COUNT)), COUNT, 1, kernel.hold())
+    host.download(buffer, found)
+    np.testing.assert_array_equal(found, 6 * values)
+    for wrong in ((3.0,), (3.0, COUNT, COUNT), (3.0, 1.5)):
+        with pytest.raises(InternalError, match="does not take an argument"):
+            kernel.bind_numbers((COUNT, 1, 1, 1), wrong)
+    with pytest.raises(InternalError, match="takes x: missing or unknown are factor, x"):
+        scale_rows.with_first({"factor": 1.0})
+
+
 def test_what_a_kernel_cannot_be_given_is_refused(host, scale_rows):
     buffer, released = host.allocate(64), host.allocate(64)
     host.release(released)
@@ -62,6 +77,7 @@ def test_what_a_kernel_cannot_be_given_is_refused(host, scale_rows):
         ({"count": 1.5}, "does not take an argument"),
         ({"factor": buffer}, "does not take an argument"),
         ({"x": np.int32(5)}, "no buffer"),
+        ({"x": 5}, "no buffer"),
     ):
         with pytest.raises(InternalError, match=words):
             host.run(scale_rows, (16,), (16,), **good | wrong)
