@@ -6,11 +6,12 @@
 // t_mins, t_maxs          doubles, as bytes: limits in lengths of the direction
 // masks                   uints, as bytes
 // doubles                 bit 0: origins are doubles, bit 1: directions are; else floats
-// axes[2 + axis_count]    long[6], for the rays and each array in this order: the number of the first ray, and the
-//                         bytes before the items; 3, and the bytes from one coordinate to the next; and of each leading
-//                         axis, of which there is one at least, its length, and the bytes from one item to the next, 0
-//                         where it is broadcast
-// axis_count
+// axes[2 + axis_count]    long[6], the columns for the rays and for each array in this order:
+//                           first row            the number of the first ray; the bytes before the items
+//                           second row           3; the bytes from one coordinate to the next
+//                           each leading axis    its length; the bytes from one item to the next, 0 where it is
+//                                                broadcast
+// axis_count              leading axes, at least 1
 // ray_count               rays from the first one on
 
 // keep: doubles

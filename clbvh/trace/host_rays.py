@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..device.host.library import Address, find_addresses
+from ..device.host.session import LEAST_GROUPS
 from ..device.settings import Settings
 from .launch import Caster
 from .rays import pieces
@@ -19,9 +20,6 @@ from .rays.batch import RayBatch
 from .rays.pack import check_rays, explain_bad_ray
 from .rays.pieces import RayPiece
 from .world.world import World
-
-# Tiles of a thread's range, at least: waking a thread takes as long as half of them.
-_LEAST_TILES = 16
 
 # The number of the first bad ray, where none is.
 _NO_RAY = np.iinfo(np.int32).max
@@ -55,14 +53,16 @@ def cast_here(
     Raises
     ------
     QueryError
-        The tracer is closed; or as `pack_rays`.
+        As `pack_rays`.
+    InternalError
+        As `Caster.kernel_at_world`.
     """
     kernel, used = device.kernel_at_world(kernel_name)
     rays = describe_rays(device.session.settings, device.world, batch, piece)
     columns, rows = rays.work_size
     launch = kernel.bind_numbers((columns, rows, 1, 1), (*rays.numbers, *find_addresses(arrays), *numbers))
     session: Any = device.session
-    session.run_groups(kernel.entry, launch, columns * rows, _LEAST_TILES, used)
+    session.run_groups(kernel.entry, launch, columns * rows, LEAST_GROUPS, used)
     check_rays_here(device.world, batch, piece, rays.bad)
 
 

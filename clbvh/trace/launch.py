@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from ..device.host.library import HostKernel
 from ..device.radix_sort import sort_pairs
 from ..device.session import DeviceSession
-from ..errors import InternalError
 from ..support.context_manager import ContextManager
 from ..support.forks import make_lock
 from .running_calls import MemoryLoan, RunningCalls
@@ -76,6 +75,8 @@ class Batch(NamedTuple):
         Called after a launch on the host; raises for bad rays.
     used
         Of the host: arrays whose addresses are among the arguments.
+    least_groups : int
+        Of the host: work-groups that are worth a thread; 0: by the number of their work-items.
     """
 
     item_count: int
@@ -85,6 +86,7 @@ class Batch(NamedTuple):
     arrays: Mapping[str, Any] = MappingProxyType({})
     check: Callable[[], object] = bool
     used: Any = None
+    least_groups: int = 0
 
 
 class Caster(ContextManager):
@@ -181,20 +183,14 @@ class Caster(ContextManager):
 
         Raises
         ------
-        QueryError
-            The world is no longer on the device.
+        InternalError
+            A buffer was given back, which cannot be while a call is open.
         """
         if name not in self._kernels_at_world:
-            try:
-                self._kernels_at_world[name] = self.kernel(name).with_first(self.world.arguments)
-            except InternalError:  # of a buffer that was given back
-                self.calls.check_open()
-                raise
+            self._kernels_at_world[name] = self.kernel(name).with_first(self.world.arguments)
         kernel = self._kernels_at_world[name]
         # Another thread may give the buffers back from here on: what is held stays.
-        used = kernel.hold()
-        self.calls.check_open()
-        return kernel, used
+        return kernel, kernel.hold()
 
     def close(self) -> None:
         """Give the memory of all devices back, after the calls of other threads have ended."""
@@ -323,7 +319,8 @@ class Call(MemoryLoan):
         own = {**batch.arguments, query.results: results, **arguments}
         if self.session.info.is_host and self.world is self.caster.world:
             kernel, _ = self.caster.kernel_at_world(query.kernel)
-            self.session.run(kernel, batch.work_size, batch.work_group, **own, **query.more_on_host)
+            least: Any = {"least_groups": batch.least_groups}
+            self.session.run(kernel, batch.work_size, batch.work_group, **least, **own, **query.more_on_host)
         else:
             kernel = self.caster.kernel(query.kernel)
             self.session.run(kernel, batch.work_size, batch.work_group, **self.world.arguments, **own)

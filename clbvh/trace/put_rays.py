@@ -1,5 +1,7 @@
 """A query's rays on their way to the device: a batch is cut into pieces, and each is packed into buffers of the call.
 
+The host casts them where they are, see `host_rays.py`. What follows is for other devices.
+
 A world with instances gets what float32 rounds off each ray as well, once for all rays where that is enough. The rays
 of a coherent piece get entry points, see cl/world/starts.cl. Rays in arrays on the device are packed there, in their
 own order.
@@ -15,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..device.host.session import LEAST_GROUPS
 from ..device.info import DeviceInfo
 from ..geometry.arrays import is_device_array, wait_for
 from ..structs import FAR_RADII, NEAR_SHARE, PACKED_RAY, RAY_LOW, STEPS
@@ -95,7 +98,9 @@ def _count_steps(call: Call, batch: RayBatch) -> float:
     """Return the steps of a ray, see `pieces.cut_rays`; infinity where it takes long to ask, as on GPUs."""
     if not call.session.info.is_host:
         return math.inf
-    with call.cast(COUNT_STEPS, put_rays(call, batch, RayPiece(0, batch.ray_count))) as steps:
+    # A bad ray takes no step here: it is told by its number among all of them when it is cast.
+    sample = put_rays(call, batch, RayPiece(0, batch.ray_count))._replace(check=bool)
+    with call.cast(COUNT_STEPS, sample) as steps:
         return float(steps["node_steps"].mean() + steps["leaf_visits"].mean())
 
 
@@ -120,7 +125,10 @@ def put_rays(call: Call, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool
     if call.session.info.is_host:
         here = describe_rays(call.session.settings, call.world, batch, piece, in_ray_order=in_ray_order)
         check = partial(check_rays_here, call.world, batch, piece, here.bad)
-        return Batch(piece.ray_count, here.work_size, (1, 1), here.as_arguments(), check=check, used=here.used)
+        return Batch(
+            piece.ray_count, here.work_size, (1, 1), here.as_arguments(), check=check, used=here.used,
+            least_groups=LEAST_GROUPS,
+        )  # fmt: skip
     count, settings = piece.ray_count, call.session.settings
     row_length = piece.row_length or count
     work_size = row_length, -(-count // row_length)

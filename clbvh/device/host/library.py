@@ -100,8 +100,19 @@ class HostKernel(Kernel):
         return rest
 
     def hold(self) -> list[Any]:
-        """Return the arrays of the first arguments' buffers, to be kept during a launch; None of one given back."""
-        return [each.array for each in self._buffers]
+        """Return the arrays of the first arguments' buffers, to be kept during a launch.
+
+        Raises
+        ------
+        InternalError
+            One was given back.
+        """
+        arrays = []
+        for buffer in self._buffers:
+            if (array := buffer.array) is None:
+                raise InternalError(f"a buffer that the kernel '{self.name}' is told of was given back")
+            arrays.append(array)
+        return arrays
 
     def bind(self, shape: tuple[int, int, int, int], arguments: Mapping[str, Any]) -> bytes:
         """Return what the entry is given.

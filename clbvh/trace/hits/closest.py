@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...errors import InternalError
 from ...structs import STEPS
 from ..host_rays import are_few, cast_here
 from ..launch import Call, Caster, Query
@@ -53,6 +54,7 @@ def find_closest_hits(caster: Caster, batch: RayBatch, progress: Progress | None
         for piece in cut_batch(call, batch, part=part, progress=progress):
             # The hits of sorted rays are refined in the order of the rays: they would be written all over memory.
             if call.session.info.is_host and piece.order is None:
+                call.check_stopped()
                 cast_piece(call.caster, piece)
                 continue
             with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
@@ -68,12 +70,20 @@ def cast_batch(
     progress: Progress | None,
 ) -> None:  # fmt: skip
     """Cast a batch; of few rays on the host in one piece."""
+    count = batch.ray_count
     if not are_few(caster, batch):
         cast_rays(caster, batch, cast, progress)
-    elif batch.ray_count:
-        cast_piece(caster, RayPiece(0, batch.ray_count))
+        return
+    # Without a call, for which the end of the tracer would wait.
+    caster.calls.check_open()
+    if count:
+        try:
+            cast_piece(caster, RayPiece(0, count))
+        except InternalError:  # of a buffer that was given back meanwhile
+            caster.calls.check_open()
+            raise
         if progress is not None:
-            progress(batch.ray_count, batch.ray_count)
+            progress(count, count)
 
 
 def _refine_range(
@@ -131,6 +141,7 @@ def _answer(
     def cast(call: Call, part: range, progress: Progress | None) -> None:
         for piece in cut_batch(call, batch, part=part, progress=progress):
             if call.session.info.is_host:
+                call.check_stopped()
                 cast_piece(call.caster, piece)
                 continue
             with call.cast(query, put_rays(call, batch, piece), **numbers) as found:

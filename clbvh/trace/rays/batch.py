@@ -113,7 +113,10 @@ def _find_contiguous_strides(item_bytes: int, shape: tuple[int, ...]) -> tuple[i
 
 @lru_cache(maxsize=256)
 def _make_axes(shape: tuple[int, ...], *facts: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return `RayBatch.axes`, given the shapes and strides of the arrays; all arrays step through a row as one axis."""
+    """Return `RayBatch.axes`, given the shapes and strides of the arrays.
+
+    Neighbouring axes are merged where every array steps evenly across both.
+    """
     shapes, strides = [*facts[::2]], [*facts[1::2]]
     coordinates = [3, strides[0][-1], strides[1][-1], 0, 0, 0]
     for vectors in (0, 1):  # their last axis is that of the coordinates
@@ -269,12 +272,9 @@ def _read_limits(
     """Return a limit of rays of this leading shape; infinity is allowed."""
     if type(values) is float and values >= least:  # in a tenth of the time, which matters for a single ray
         return _as_limit(values)
-    limits = _read_numbers(values, name).astype(np.float64, copy=False)
-    if limits.shape and limits.shape != shape and not _fits(limits.shape, shape):
-        raise QueryError(
-            f"{name} must be a number or have a shape that broadcasts to that of the {subject_name}, {shape}, "
-            f"not {limits.shape}"
-        )
+    numbers = _read_numbers(values, name)
+    _check_fit(numbers, name, shape, subject_name)
+    limits = _cut_repetitions(numbers, 0).astype(np.float64, copy=False)
     # Written so that NaN is bad.
     if not (limits >= least).all():
         wrong = limits.flat[np.argmin(limits >= least)]
@@ -302,20 +302,27 @@ def _read_masks(values: ArrayLike, shape: tuple[int, ...], subject: str = "rays"
     masks = _read_numbers(values, "mask")
     if masks.dtype.kind not in "iu":
         raise QueryError(f"mask must be integers, not {masks.dtype}")
-    if masks.shape and masks.shape != shape and not _fits(masks.shape, shape):
-        raise QueryError(
-            f"mask must be a number or have a shape that broadcasts to that of the {subject}, {shape}, "
-            f"not {masks.shape}"
-        )
+    _check_fit(masks, "mask", shape, subject)
+    masks = _cut_repetitions(masks, 0)
     if masks.size and not (int(masks.min()) >= 0 and int(masks.max()) <= _MOST_MASK):
         raise QueryError(f"mask must be from 0 to {_MOST_MASK:#x}, which has 32 bits")
     return masks.astype(np.uint32)
 
 
-def _fits(given: tuple[int, ...], shape: tuple[int, ...]) -> bool:
-    """Say whether an array of one shape can be broadcast to the other."""
-    lengths = zip(given[::-1], shape[::-1], strict=False)
-    return len(given) <= len(shape) and all(length in (1, wanted) for length, wanted in lengths)
+def _check_fit(values: NDArray[Any], name: str, shape: tuple[int, ...], subject: str) -> None:
+    """Raise unless an array can be broadcast to a leading shape."""
+    lengths = zip(values.shape[::-1], shape[::-1], strict=False)
+    if values.ndim > len(shape) or not all(length in (1, wanted) for length, wanted in lengths):
+        raise QueryError(
+            f"{name} must be a number or have a shape that broadcasts to that of the {subject}, {shape}, "
+            f"not {values.shape}"
+        )
+
+
+def _cut_repetitions(values: NDArray[Any], item_dims: int) -> NDArray[Any]:
+    """Return an array whose axes have length 1 where the caller has broadcast them."""
+    strides = values.strides[: values.ndim - item_dims]
+    return values[tuple(slice(0, 1) if step == 0 else slice(None) for step in strides)] if 0 in strides else values
 
 
 def too_far(subject: str, value: NDArray[Any]) -> QueryError:
@@ -365,9 +372,7 @@ class Broadcast(NamedTuple):
             values = values.copy()
         leading_dims = values.ndim - item_dims
         given_shape, item_shape = values.shape[:leading_dims], values.shape[leading_dims:]
-        # An axis that the caller has broadcast counts as one of length 1.
-        if 0 in (strides := values.strides[:leading_dims]):
-            values = values[tuple(slice(0, 1) if stride == 0 else slice(None) for stride in strides)]
+        values = _cut_repetitions(values, item_dims)
         own_shape = values.shape[:leading_dims]
         if math.prod(own_shape) == 1:
             items = values.reshape(1, *item_shape)

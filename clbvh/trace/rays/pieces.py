@@ -18,7 +18,8 @@ from .batch import RayBatch
 from .coherence import KeyOrder, find_row_length, is_pencil, is_picture_size, is_scattered, sort_rays, spread_samples
 
 # Rays or points on the device at a time, whatever the size of the batch: 48 MiB of rays and hits, and 4 MiB more where
-# rays are sorted, and 7 MiB where they have entry points. Rays are sorted among this many.
+# rays are sorted, and 7 MiB where they have entry points; on the host, which casts rays where they are, 16 MiB of hits
+# where they are sorted. Rays are sorted among this many.
 CHUNK_RAYS = 2**20
 
 # Smaller batches earn back neither the sort nor the search for entry points: that search takes as long as it saves at

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from clbvh import Mesh, QueryError, Tracer
+from clbvh import Mesh, QueryError, Tracer, make_shape
 from clbvh.structs import NO_PRIM
 from clbvh.trace.hits import closest
 from clbvh.trace.put_rays import cut_batch, put_rays
+from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import read_rays
 
 from ...concurrency.threads import run_in_threads
@@ -131,3 +132,31 @@ def test_arrays_of_any_layout_are_read_where_they_are(mesh, rays, dtype):
             assert (found.t.tobytes(), found.prim_id.tobytes()) == (expected.t.tobytes(), expected.prim_id.tobytes())
             hit_count += expected.count
     assert hit_count > 300
+
+
+@pytest.mark.parametrize("query", ["closest_hit", "any_hit", "all_hits", "closest_point"])
+def test_a_query_on_the_host_ends_with_its_results_when_its_tracer_is_closed(mesh, rays, monkeypatch, query):
+    monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
+    monkeypatch.setattr(pieces, "CHUNK_RAYS", 1000)
+    given = rays[:1] if query == "closest_point" else rays
+    with Tracer(mesh, device="host") as tracer:
+        expected, told = getattr(tracer, query)(*given), []
+        found = getattr(tracer, query)(*given, progress=lambda *counts: (told.append(counts), tracer.close()))
+        one, other = (getattr(answer, "prim_id", answer) for answer in (found, expected))
+        np.testing.assert_array_equal(one, other)
+        assert query == "closest_point" or len(told) >= 4
+        for count in (0, 1, len(rays[0])):
+            with pytest.raises(QueryError, match="the tracer is closed"):
+                getattr(tracer, query)(*(part[:count] for part in given))
+
+
+def test_a_bad_ray_among_those_that_are_sampled_has_its_own_number(session):
+    generator = np.random.default_rng(5)
+    origins = generator.normal(size=(300, 400, 3))
+    directions = -origins + generator.normal(size=(300, 400, 3)) / 8
+    directions[0, 0] = directions[299, 7] = 0
+    with Tracer(make_shape("icosphere", triangles=320), device=session.info, layout="bvh8") as tracer:
+        for bad, message in (((0, 0), r"^directions\[0, 0\] has"), ((299, 7), r"^directions\[299, 7\] has")):
+            with pytest.raises(QueryError, match=message):
+                tracer.closest_hit(origins, directions)
+            directions[bad] = 1
