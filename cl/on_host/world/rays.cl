@@ -26,15 +26,15 @@
     ARRAY_ARGUMENTS, const global double *restrict box, const global int *restrict order, const int is_by_place, \
     const int row_length, const int tile_width, const int tile_height, const int finds_start, global int *restrict bad
 
+// Prefetch distance in rays: a tile of them, and some more.
+#define COMING_RAYS 40
+
 // All numbers of a packed ray, see boxes/beam.cl.
 typedef float8 ray_lanes_t __attribute__((aligned(16)));
 
 // The rays of a tile.
 typedef struct {
     start_t start;
-    const ray_arrays_t *arrays;
-    const int *coming;  // the numbers of the next tile's rays, where they are in an order of their own
-    int coming_count;
     int count;
     int number[MOST_TILE_RAYS];
     int ray_id[MOST_TILE_RAYS];
@@ -75,9 +75,6 @@ INLINED void list_rays(const tiling_t *tiling, const int column, const int row, 
             batch->count++;
         }
     }
-    batch->arrays = &tiling->arrays;
-    batch->coming = tiling->order + end_column;
-    batch->coming_count = tiling->order ? min(tiling->width, tiling->ray_count - end_column) : 0;
 }
 
 // A ray that hits nothing, in the place of a bad one.
@@ -87,9 +84,21 @@ INLINED wide_ray_t make_empty_ray(void)
     return ray;
 }
 
-INLINED void pack_tile(const tiling_t *tiling, const tree_box_t *box, int *bad, batch_t *batch)
+// Asks for a ray that is cast later, where rays are in an order of their own.
+INLINED void will_read_coming(const tiling_t *tiling, const int place)
+{
+    if (tiling->order && place < tiling->ray_count) {
+        const ray_place_t coming = find_ray_place(&tiling->arrays, tiling->order[place]);
+        will_read_ray(&tiling->arrays, &coming);
+    }
+}
+
+// Packs the rays of a tile. With each, one of a later tile is asked for: of many at once, processors drop some.
+INLINED void pack_tile(
+    const tiling_t *tiling, const int first, const tree_box_t *box, int *bad, batch_t *batch)
 {
     for (int slot = 0; slot < batch->count; slot++) {
+        will_read_coming(tiling, first + slot + COMING_RAYS);
         const ray_place_t place = find_ray_place(&tiling->arrays, batch->number[slot]);
         wide_ray_t ray = load_wide_ray(&tiling->arrays, &place);
         if (localize_ray(&ray, box) == BAD_RAY) {
@@ -131,7 +140,8 @@ INLINED void open_batch(
 {
     const tree_box_t tree_box = load_tree_box(box);
     list_rays(tiling, column, row, batch);
-    pack_tile(tiling, &tree_box, bad, batch);
+    // Rays in an order of their own are one row.
+    pack_tile(tiling, column * tiling->width, &tree_box, bad, batch);
     batch->start = world->start;
 #if HAS_ENTRY_POINTS
     if (finds_start) {
@@ -153,13 +163,8 @@ INLINED int ray_id_of(const batch_t *batch, const int slot)
     return batch->ray_id[slot];
 }
 
-// Loads a ray of the tile, and asks for one of the next tile: not for all at once, of which processors drop some.
 INLINED world_ray_t load_ray(const batch_t *batch, const int slot)
 {
-    if (slot < batch->coming_count) {
-        const ray_place_t coming = find_ray_place(batch->arrays, batch->coming[slot]);
-        will_read_ray(batch->arrays, &coming);
-    }
 #if LONE && !EXACT
     return unpack_ray(batch->ray + slot);
 #else
