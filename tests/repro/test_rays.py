@@ -110,6 +110,7 @@ def test_a_ray_in_the_plane_of_a_thin_triangle_hit_it_from_any_distance(session,
     assert [str(difference) for difference in differences] == []
 
 
+@pytest.mark.on_both
 def test_rays_whose_three_numbers_are_one_number_in_memory_were_refused(tracer):
     zeros, ones = np.broadcast_to(0.0, (4, 3)), np.broadcast_to(1.0, (2, 4, 3))
     expected = tracer.closest_hit(zeros.copy(), ones.copy()).t
