@@ -212,7 +212,8 @@ class Tracer(RayQueries, PointQueries, PairQueries):
     def close(self) -> None:
         """Give the device's memory back. Closing twice is allowed.
 
-        Queries that other threads are running end first, and get their results; later ones raise `QueryError`.
+        Queries that other threads are running get their results, and this waits for them, but for few rays on the host;
+        later ones raise `QueryError`.
 
         Examples
         --------

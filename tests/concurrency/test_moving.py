@@ -135,6 +135,7 @@ def test_a_query_of_several_pieces_sees_one_state(monkeypatch):
         (index, rays) for index, (kind, rays) in enumerate(scene.queries) if kind == "closest_hit" and len(rays[0]) > 99
     )
     monkeypatch.setattr(pieces, "CHUNK_RAYS", 50)
+    monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
     changed = []
     with scene.open() as tracer:
 
