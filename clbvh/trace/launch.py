@@ -21,6 +21,7 @@ from ..device.radix_sort import sort_pairs
 from ..device.session import DeviceSession
 from ..support.context_manager import ContextManager
 from ..support.forks import make_lock
+from .host_rays import HostRays
 from .running_calls import MemoryLoan, RunningCalls
 from .world.world import World
 
@@ -36,14 +37,14 @@ class Query(NamedTuple):
         Name of the argument for the results.
     dtype : numpy.dtype or None
         Of one result; None: hits, see `World.hit_dtype`.
-    more_on_host : mapping of str to None
-        Further arguments that the host's kernel has, and that are not needed.
+    more_here : int
+        Further arrays that the host's kernel takes, and that are left out.
     """
 
     kernel: str
     results: str
     dtype: np.dtype | None = None
-    more_on_host: Mapping[str, None] = MappingProxyType({})
+    more_here: int = 0
 
 
 # A batch that does not fit the device is cut into halves again and again, down to 1,024 of `CHUNK_RAYS`.
@@ -71,12 +72,8 @@ class Batch(NamedTuple):
         What a kernel is told about the batch, by the names of its arguments.
     arrays : mapping of str to argument
         The same of rays in arrays on the device, see cl/rays/arrays.cl; empty of any other batch.
-    check : function
-        Called after a launch on the host; raises for bad rays.
-    used
-        Of the host: arrays whose addresses are among the arguments.
-    least_groups : int
-        Of the host: work-groups that are worth a thread; 0: by the number of their work-items.
+    here : HostRays or None
+        Rays that the host casts where they are, instead of what stands above.
     """
 
     item_count: int
@@ -84,9 +81,7 @@ class Batch(NamedTuple):
     work_group: tuple[int, int]
     arguments: Mapping[str, Any]
     arrays: Mapping[str, Any] = MappingProxyType({})
-    check: Callable[[], object] = bool
-    used: Any = None
-    least_groups: int = 0
+    here: HostRays | None = None
 
 
 class Caster(ContextManager):
@@ -114,7 +109,6 @@ class Caster(ContextManager):
         self.threads = session.threads
         self.calls = RunningCalls(session, owner)
         self._kernels: dict[tuple[Any, ...], Any] = {}
-        self._kernels_at_world: dict[str, HostKernel] = {}
         self._lock = make_lock()
         self.halvings = 0  # of the usual batch, since the device did not hold it
         self.others: tuple[Caster, ...] = ()
@@ -123,7 +117,7 @@ class Caster(ContextManager):
     def at(self, world: World) -> Caster:
         """Return a caster at another world, which shares all else with this one."""
         caster = copy(self)
-        caster.world, caster._kernels_at_world = world, {}
+        caster.world = world
         return caster
 
     def beside(self, others: Iterable[Caster]) -> Caster:
@@ -178,19 +172,11 @@ class Caster(ContextManager):
             self._kernels[key] = self.session.kernel(name, self.world.defines)
         return self._kernels[key]
 
-    def kernel_at_world(self, name: str) -> tuple[HostKernel, list[Any]]:
-        """Return a kernel of the host that is told of the world, and what is to be kept as long as it runs.
-
-        Raises
-        ------
-        InternalError
-            A buffer was given back, which cannot be while a call is open.
-        """
-        if name not in self._kernels_at_world:
-            self._kernels_at_world[name] = self.kernel(name).with_first(self.world.arguments)
-        kernel = self._kernels_at_world[name]
-        # Another thread may give the buffers back from here on: what is held stays.
-        return kernel, kernel.hold()
+    def kernel_at(self, world: World, name: str) -> HostKernel:
+        """Return a kernel of the host that is told of a world on it."""
+        if name not in world.kernels:
+            world.kernels[name] = self.kernel(name).with_first(world.arguments)
+        return world.kernels[name]
 
     def close(self) -> None:
         """Give the memory of all devices back, after the calls of other threads have ended."""
@@ -316,13 +302,13 @@ class Call(MemoryLoan):
         self.check_stopped()
         dtype, count = query.dtype or self.world.hit_dtype, batch.item_count * results_per_item
         results = self.take("results", count * dtype.itemsize, for_mapping=True)
-        own = {**batch.arguments, query.results: results, **arguments}
-        if self.session.info.is_host and self.world is self.caster.world:
-            kernel, _ = self.caster.kernel_at_world(query.kernel)
-            least: Any = {"least_groups": batch.least_groups}
-            self.session.run(kernel, batch.work_size, batch.work_group, **least, **own, **query.more_on_host)
+        session, own = self.session, {**batch.arguments, query.results: results, **arguments}
+        if batch.here is not None:
+            kernel = self.caster.kernel_at(self.world, query.kernel)
+            batch.here.cast(session, kernel, [results.array, *[None] * query.more_here], *arguments.values())
+        elif session.info.is_host:
+            session.run(self.caster.kernel_at(self.world, query.kernel), batch.work_size, batch.work_group, **own)
         else:
             kernel = self.caster.kernel(query.kernel)
-            self.session.run(kernel, batch.work_size, batch.work_group, **self.world.arguments, **own)
-        batch.check()
+            session.run(kernel, batch.work_size, batch.work_group, **self.world.arguments, **own)
         return results

@@ -17,12 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..device.host.session import LEAST_GROUPS
 from ..device.info import DeviceInfo
 from ..geometry.arrays import is_device_array, wait_for
 from ..structs import FAR_RADII, NEAR_SHARE, PACKED_RAY, RAY_LOW, STEPS
 from ..support.say_once import say_once
-from .host_rays import check_rays_here, describe_rays
+from .host_rays import HostRays
 from .launch import Batch, Call, Caster, Query
 from .rays.batch import Broadcast, RayBatch, RayRows, read_vectors
 from .rays.pack import explain_bad_ray, find_shared_low, pack_rays
@@ -99,8 +98,9 @@ def _count_steps(call: Call, batch: RayBatch) -> float:
     if not call.session.info.is_host:
         return math.inf
     # A bad ray takes no step here: it is told by its number among all of them when it is cast.
-    sample = put_rays(call, batch, RayPiece(0, batch.ray_count))._replace(check=bool)
-    with call.cast(COUNT_STEPS, sample) as steps:
+    sample = put_rays(call, batch, RayPiece(0, batch.ray_count))
+    assert sample.here is not None
+    with call.cast(COUNT_STEPS, sample._replace(here=sample.here._replace(refuses_bad=False))) as steps:
         return float(steps["node_steps"].mean() + steps["leaf_visits"].mean())
 
 
@@ -123,12 +123,8 @@ def put_rays(call: Call, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool
         As `pack_rays`.
     """
     if call.session.info.is_host:
-        here = describe_rays(call.session.settings, call.world, batch, piece, in_ray_order=in_ray_order)
-        check = partial(check_rays_here, call.world, batch, piece, here.bad)
-        return Batch(
-            piece.ray_count, here.work_size, (1, 1), here.as_arguments(), check=check, used=here.used,
-            least_groups=LEAST_GROUPS,
-        )  # fmt: skip
+        here = HostRays.of_piece(call.session.settings, call.world, batch, piece, in_ray_order=in_ray_order)
+        return Batch(piece.ray_count, here.work_size, (1, 1), {}, here=here)
     count, settings = piece.ray_count, call.session.settings
     row_length = piece.row_length or count
     work_size = row_length, -(-count // row_length)

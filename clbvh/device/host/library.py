@@ -148,16 +148,9 @@ class HostKernel(Kernel):
 _pack_shape = struct.Struct("<4i").pack
 
 
-class Address(int):
-    """Where an array begins, in its place among a kernel's arguments; the caller keeps the array."""
-
-
 def _as_address(value: Any) -> Any:
     """Return the address of a buffer or an array; 0 for none."""
-    kind = value.__class__
-    if kind is Address:
-        return value
-    if kind is HostBuffer:
+    if value.__class__ is HostBuffer:
         if value.address is None:
             raise TypeError("a buffer that was given back")
         return value.address

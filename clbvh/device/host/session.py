@@ -129,16 +129,15 @@ class HostSession(DeviceSession):
         """See `DeviceSession`; everything is done."""
 
     def run(
-        self, kernel: HostKernel, work_size: tuple[int, ...], work_group: tuple[int, ...], *, least_groups: int = 0,
-        **arguments: Any,
-    ) -> None:  # fmt: skip
-        """See `DeviceSession`; returns when all work-items are done. `least_groups` are worth a thread."""
+        self, kernel: HostKernel, work_size: tuple[int, ...], work_group: tuple[int, ...], **arguments: Any
+    ) -> None:
+        """See `DeviceSession`; returns when all work-items are done."""
         columns, group_columns = work_size[0], work_group[0]
         rows, group_rows = (work_size[1], work_group[1]) if len(work_size) > 1 else (1, 1)
         shape = -(-columns // group_columns), -(-rows // group_rows), group_columns, group_rows
         # The kernel has addresses alone. Whoever gives a buffer back meanwhile, its memory stays until the last band.
         used = [each.array for each in arguments.values() if each.__class__ is HostBuffer], kernel.hold()
-        least = least_groups or (LEAST_GROUPS if group_columns * group_rows >= _MANY_ITEMS else 1)
+        least = LEAST_GROUPS if group_columns * group_rows >= _MANY_ITEMS else 1
         self.run_groups(kernel.entry, kernel.bind(shape, arguments), shape[0] * shape[1], least, used)
 
     def run_groups(self, entry: Any, launch: bytes, group_count: int, least: int, used: Any) -> None:

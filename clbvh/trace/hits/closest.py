@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InternalError
 from ...structs import STEPS
-from ..host_rays import are_few, cast_here
+from ..host_rays import HostRays
 from ..launch import Call, Caster, Query
 from ..put_rays import COUNT_STEPS, cut_batch, put_rays
-from ..ranges import CastRange, cast_rays
+from ..ranges import cast_rays
+from ..rays import pieces
 from ..rays.batch import RayBatch, RowBatch, check_room, read_rays
 from ..rays.pieces import Progress, RayPiece
 from ..world.surface_arrays import SurfaceArrays
@@ -22,10 +23,8 @@ from .hits import Hits
 from .refine import LEAST_HITS, RefinedHits, refine_closest
 from .surface import Surface
 
-# What the host's kernel writes besides, see cl/on_host/kernels/closest_hit.cl.
-_REFINED = dict.fromkeys(("surfaces", *RefinedHits._fields))
-
-CLOSEST_HIT = Query("closest_hit", "hits", more_on_host=_REFINED)
+# The host's kernel takes the surfaces and the arrays of refined hits as well, see cl/on_host/kernels/closest_hit.cl.
+CLOSEST_HIT = Query("closest_hit", "hits", more_here=1 + len(RefinedHits._fields))
 ANY_HIT = Query("any_hit", "blocked", np.dtype(np.uint8))
 COUNT_HITS = Query("count_hits", "counts", np.dtype(np.int32))
 
@@ -41,44 +40,66 @@ def find_closest_hits(caster: Caster, batch: RayBatch, progress: Progress | None
     world = caster.world
     check_room(batch.ray_count, HIT_BYTES)
     refined = RefinedHits.make(batch.shape, is_lone=world.is_lone)
-    flat = refined if are_few(caster, batch) else refined.reshape(-1)
+    flat = refined if _are_few(caster, batch) else refined.reshape(-1)
 
-    def cast_piece(device: Caster, piece: RayPiece) -> None:
+    def cast_on_host(device: Caster, piece: RayPiece) -> None:
         # Held until the kernel returns: their addresses are no reference, and another thread may have made others.
         surfaces = device.world.arrays
         *written, instance_id = flat.part(piece.begin, piece.end)
-        instances = None if world.is_lone else instance_id
-        cast_here(device, "closest_hit", batch, piece, (None, surfaces.addresses, *written, instances))
+        _cast_here(
+            device, CLOSEST_HIT, batch, piece,
+            (None, surfaces.addresses, *written, None if world.is_lone else instance_id),
+        )  # fmt: skip
 
-    def cast(call: Call, part: range, progress: Progress | None) -> None:
-        for piece in cut_batch(call, batch, part=part, progress=progress):
-            # The hits of sorted rays are refined in the order of the rays: they would be written all over memory.
-            if call.session.info.is_host and piece.order is None:
-                call.check_stopped()
-                cast_piece(call.caster, piece)
-                continue
-            with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
-                refine = partial(_refine_range, batch.rows, piece.begin, call.world.arrays, found, flat)
-                call.threads.for_ranges(len(found), refine, least_items=LEAST_HITS)
+    def cast_on_device(call: Call, piece: RayPiece) -> None:
+        with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
+            refine = partial(_refine_range, batch.rows, piece.begin, call.world.arrays, found, flat)
+            call.threads.for_ranges(len(found), refine, least_items=LEAST_HITS)
 
-    cast_batch(caster, batch, cast_piece, cast, progress)
+    # The hits of sorted rays are refined in the order of the rays: they would be written all over memory.
+    _cast_batch(caster, batch, cast_on_host, cast_on_device, progress, casts_sorted=False)
     return refined.as_hits(Surface.of_world(world))
 
 
-def cast_batch(
-    caster: Caster, batch: RayBatch, cast_piece: Callable[[Caster, RayPiece], None], cast: CastRange,
-    progress: Progress | None,
+def _are_few(caster: Caster, batch: RayBatch) -> bool:
+    """Return whether rays are cast as they are, neither cut nor sorted, and on the host."""
+    return batch.ray_count < pieces.LEAST_RAYS and caster.session.info.is_host
+
+
+def _cast_here(
+    device: Caster, query: Query, batch: RayBatch, piece: RayPiece, arrays: Iterable[NDArray[Any] | None], *numbers: int
+) -> None:
+    """Cast a piece on the host; see `HostRays.cast`."""
+    rays = HostRays.of_piece(device.session.settings, device.world, batch, piece)
+    rays.cast(device.session, device.kernel_at(device.world, query.kernel), arrays, *numbers)
+
+
+def _cast_batch(
+    caster: Caster, batch: RayBatch, cast_on_host: Callable[[Caster, RayPiece], None],
+    cast_on_device: Callable[[Call, RayPiece], None], progress: Progress | None, *, casts_sorted: bool = True,
 ) -> None:  # fmt: skip
-    """Cast a batch; of few rays on the host in one piece."""
+    """Cast a batch piece by piece; of few rays on the host in one piece, without a call.
+
+    With `casts_sorted` false, sorted pieces take the device's way on the host, too.
+    """
+
+    def cast(call: Call, part: range, progress: Progress | None) -> None:
+        for piece in cut_batch(call, batch, part=part, progress=progress):
+            if call.session.info.is_host and (casts_sorted or piece.order is None):
+                call.check_stopped()
+                cast_on_host(call.caster, piece)
+            else:
+                cast_on_device(call, piece)
+
     count = batch.ray_count
-    if not are_few(caster, batch):
+    if not _are_few(caster, batch):
         cast_rays(caster, batch, cast, progress)
         return
-    # Without a call, for which the end of the tracer would wait.
+    # The end of the tracer waits for calls alone.
     caster.calls.check_open()
     if count:
         try:
-            cast_piece(caster, RayPiece(0, count))
+            cast_on_host(caster, RayPiece(0, count))
         except InternalError:  # of a buffer that was given back meanwhile
             caster.calls.check_open()
             raise
@@ -132,21 +153,16 @@ def _answer(
     check_room(count, np.dtype(dtype).itemsize)
     answers = np.empty(count, dtype)
 
-    def cast_piece(device: Caster, piece: RayPiece) -> None:
+    def cast_on_host(device: Caster, piece: RayPiece) -> None:
         own = answers[piece.begin : piece.end]
         # Of closest hits, what `closest_hit` writes but for the primitives is left out.
         arrays = [*[None] * 6, own, None] if query is CLOSEST_HIT else [own]
-        cast_here(device, query.kernel, batch, piece, arrays, *numbers.values())
+        _cast_here(device, query, batch, piece, arrays, *numbers.values())
 
-    def cast(call: Call, part: range, progress: Progress | None) -> None:
-        for piece in cut_batch(call, batch, part=part, progress=progress):
-            if call.session.info.is_host:
-                call.check_stopped()
-                cast_piece(call.caster, piece)
-                continue
-            with call.cast(query, put_rays(call, batch, piece), **numbers) as found:
-                own = found["prim_id"] if query.dtype is None else found
-                answers[piece.begin : piece.begin + len(found)] = own
+    def cast_on_device(call: Call, piece: RayPiece) -> None:
+        with call.cast(query, put_rays(call, batch, piece), **numbers) as found:
+            own = found["prim_id"] if query.dtype is None else found
+            answers[piece.begin : piece.begin + len(found)] = own
 
-    cast_batch(caster, batch, cast_piece, cast, progress)
+    _cast_batch(caster, batch, cast_on_host, cast_on_device, progress)
     return answers.reshape(batch.shape)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh import Bvh
+from ...device.host.library import HostKernel
 from ...device.host.variants import TOP_STACK_SIZE
 from ...device.session import DeviceSession
 from ...errors import SceneError
@@ -98,6 +99,11 @@ class World:
     def box_numbers(self) -> NDArray[np.float64]:
         """The numbers of the box."""
         return self.box.as_numbers()
+
+    @cached_property
+    def kernels(self) -> dict[str, HostKernel]:
+        """The kernels of the host that are told of the world, by their names; see `Caster.kernel_at`."""
+        return {}
 
     @cached_property
     def defines(self) -> dict[str, int]:

@@ -8,7 +8,8 @@ import pytest
 from clbvh import Mesh, Tracer, make_shape
 from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.structs import ENTRY_POINT_LAYOUTS, TILE
-from clbvh.trace import host_rays, put_rays
+from clbvh.trace import put_rays
+from clbvh.trace.host_rays import HostRays
 from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.rays.coherence import find_row_length
@@ -59,15 +60,14 @@ def tiles(session, monkeypatch):
 
     The host's kernel has them to itself: there is nothing in its launches.
     """
-    found, find, describe = [], put_rays.find_entry_points, host_rays.describe_rays
+    found, find, cast = [], put_rays.find_entry_points, HostRays.cast
 
-    def record_on_host(*arguments, **options):
-        here = describe(*arguments, **options)
-        found.extend([np.empty(0, TILE)] * here.as_arguments()["finds_start"])
-        return here
+    def record_on_host(rays, *arguments):
+        *_, finds_start, _ = rays.numbers
+        found.extend([np.empty(0, TILE)] * finds_start)
+        cast(rays, *arguments)
 
-    for module in (host_rays, put_rays):
-        monkeypatch.setattr(module, "describe_rays", record_on_host)
+    monkeypatch.setattr(HostRays, "cast", record_on_host)
 
     def record(session, world, kernel, take, work_size, tile, **arguments):
         starts = find(session, world, kernel, take, work_size, tile, **arguments)
