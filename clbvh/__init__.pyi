@@ -13,7 +13,6 @@ from .errors import (
     ConfigError as ConfigError,
     DeviceError as DeviceError,
     DeviceMemoryError as DeviceMemoryError,
-    DeviceWarning as DeviceWarning,
     FetchError as FetchError,
     InternalError as InternalError,
     KernelBuildError as KernelBuildError,
@@ -71,5 +70,5 @@ from .trace.pair_queries import ClosestPair as ClosestPair
 from .trace.points.refine import ClosestPoints as ClosestPoints
 from .trace.rays.pieces import Progress as Progress
 from .trace.shards import ShardedTracer as ShardedTracer
-from .trace.tracer import Devices as Devices, Traceable as Traceable, Tracer as Tracer
+from .trace.tracer import Traceable as Traceable, Tracer as Tracer
 from .viewer.open import view as view

@@ -226,17 +226,6 @@ class OpenMeshWarning(ClbvhWarning):
     """
 
 
-class DeviceWarning(ClbvhWarning):
-    """One of several devices has failed, and the others do its work: the results are complete.
-
-    Examples
-    --------
-    >>> import clbvh
-    >>> issubclass(clbvh.DeviceWarning, clbvh.ClbvhWarning)
-    True
-    """
-
-
 class InternalError(ClbvhError, RuntimeError):
     """A bug of clbvh itself: an invariant does not hold.
 

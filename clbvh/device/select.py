@@ -26,8 +26,6 @@ from .info import HOST_PLATFORM, DeviceInfo
 
 DEVICE_VARIABLE = "CLBVH_DEVICE"
 
-ALL_DEVICES = "all"
-
 # The kinds that can be asked for, in the order of preference.
 KINDS = ("gpu", "accelerator", "cpu")
 
@@ -197,50 +195,6 @@ def choose_device(spec: Any = None) -> DeviceInfo:
         reason = f" ({survey.problems[0]})" if survey.problems else ""
         raise DeviceError(f"no device was found{reason}: run `clbvh doctor` to find the cause")
     return pick_device(survey.devices, spec, asked_by)
-
-
-def choose_devices(spec: Any) -> list[Any]:
-    """Return the devices of a `device` argument that may name several, or the argument itself where it names one.
-
-    Parameters
-    ----------
-    spec : DeviceInfo, str, int, pyopencl.Device or None, or a sequence of them
-        ``"all"`` stands for all GPUs; without any, for all accelerators; without these, for the host. Of several
-        drivers for the same hardware it takes the preferred one.
-
-    Raises
-    ------
-    DeviceError
-        As `choose_device` does, or the sequence is empty.
-    """
-    if isinstance(spec, str) and _simplify(spec) == ALL_DEVICES:
-        if not _has_gpus():
-            return [choose_device("cpu")]
-        check_process()
-        return _keep_distinct(list_devices())
-    if not isinstance(spec, Sequence) or isinstance(spec, str):
-        return [spec]
-    if not spec:
-        raise DeviceError("the list of devices is empty: name one at least")
-    infos = [find_again(each) if isinstance(each, DeviceInfo) else choose_device(each) for each in spec]
-    return list({info.cl_device: info for info in infos}.values())  # one that is named twice works once
-
-
-def _keep_distinct(devices: Sequence[DeviceInfo]) -> list[DeviceInfo]:
-    """Return the GPUs, or else the accelerators: a CPU beside them has their host work to do.
-
-    Drivers name the same card in different ways, so the cards of one maker are those that its first driver lists.
-    """
-    usable = [device for device in devices if _is_usable(device)]
-    alike = [device for device in usable if device.kind == pick_device(usable, None).kind]
-    drivers = {_maker(device): device.platform for device in reversed(alike)}
-    return [device for device in alike if device.platform == drivers[_maker(device)]]
-
-
-def _maker(device: DeviceInfo) -> str:
-    """Return the first word of the maker's name, one for all drivers."""
-    word = (_simplify(device.vendor).split() or [device.platform])[0].rstrip(",")
-    return "amd" if word == "advanced" else word
 
 
 def find_again(device: DeviceInfo) -> DeviceInfo:

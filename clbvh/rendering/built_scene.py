@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from ..builders.build import leaf_limit
 from ..builders.tree_cache import BuildResult, get_trees
 from ..bvh import Bvh, sah_cost, validate_tree
-from ..device.select import choose_devices
 from ..device.session import DeviceSession
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
@@ -80,7 +79,7 @@ class BuiltScene:
             self._build()
 
     def _build(self) -> None:
-        device = choose_devices(self._options.device)[0]
+        device = self._options.device
         check_fit(device, self._options.chosen_layout, self.state.shapes)
         made = get_trees(self.state.shapes, lambda _: self._options, device)
         self.trees = tuple(each.bvh for each in made)

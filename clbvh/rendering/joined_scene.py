@@ -12,7 +12,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..device.session import DeviceSession
 from ..geometry import Mesh
 from ..geometry.appearance.appearance import Appearance, make_unchecked
 from ..geometry.appearance.material import Material
@@ -37,15 +36,15 @@ _LEAST_SIZE = 2.0**-10
 
 @dataclass(frozen=True)
 class JoinedScene:
-    """The mesh of all instances on the devices.
+    """The mesh of all instances on the device.
 
     Attributes
     ----------
     built : BuiltScene
         Of the mesh.
     frames : FrameRenderer
-        On the devices of the scene.
-    painters : dict of DeviceSession to Painters
+        On the device of the scene.
+    painters : Painters
     first_prims : (n,) int64
         The first triangle of each instance.
     scale : float
@@ -54,22 +53,21 @@ class JoinedScene:
 
     built: BuiltScene
     frames: FrameRenderer
-    painters: dict[DeviceSession, Painters]
+    painters: Painters
     first_prims: NDArray[np.int64]
     scale: float
 
     @classmethod
     def make(cls, scene: BuiltScene, frames: FrameRenderer, view: View, options: RenderOptions) -> Self:
-        """Join the instances of a scene, and put the mesh on its devices."""
+        """Join the instances of a scene, and put the mesh on its device."""
         built = BuiltScene(Scene(join_instances(scene, view)).snapshot(), options)
-        devices = frames.caster.working
-        worlds = [(each.session, built.put(each.session)) for each in devices]
-        first, *others = (device.at(world) for device, (_, world) in zip(devices, worlds, strict=True))
+        session = frames.caster.session
+        world = built.put(session)
         counts = [scene.state.shapes[geometry].prim_count for geometry in scene.state.geometry_ids]
         return cls(
             built,
-            frames.at(first.beside(others)),
-            {session: Painters(session, world, built) for session, world in worlds},
+            frames.at(world),
+            Painters(session, world, built),
             np.cumsum([0, *counts[:-1]]),
             float(scene.space.scale / built.space.scale),
         )

@@ -5,9 +5,8 @@ So it can be imported without numpy: layouts are imported when a choice is check
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..builders.tree_options import TreeOptions
 
@@ -23,8 +22,8 @@ class RenderOptions(TreeOptions):
     ----------
     builder, workers, build, cache
         See `TreeOptions`.
-    device : DeviceInfo, str, int or None, or a sequence of them
-        A number, a part of a name, ``"gpu"``, ``"host"`` or ``"all"``, see `Tracer`. By default a GPU, if there is one.
+    device : DeviceInfo, str, int or None
+        A number, a part of a name, ``"gpu"`` or ``"host"``, see `Tracer`. By default a GPU, if there is one.
     layout : str
         Layout of the tree on the device: ``"bvh2"``, ``"bvh4"``, ``"bvh8"``, ``"bvh8c"``, which takes half the memory,
         or ``"auto"``: the one that suits the device and the size of the scene, but ``"bvh2"`` for the builder
@@ -39,7 +38,7 @@ class RenderOptions(TreeOptions):
     'bvh4'
     """
 
-    device: DeviceInfo | str | int | Sequence[Any] | None = None
+    device: DeviceInfo | str | int | None = None
     layout: str = "auto"
     validate: bool = False
 

@@ -7,7 +7,7 @@ shading is compiled, and surfaces get their looks, when a picture first asks for
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, field
 from functools import partial
@@ -27,7 +27,6 @@ from ..support.forks import make_lock
 from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
 from ..trace.launch import Call, Caster
-from ..trace.ranges import LEAST_RANGE, cast_ranges
 from ..trace.world.starts import AT_THE_ROOT, VIEW_KERNEL, find_entry_points
 from ..trace.world.world import World
 from .band import Band
@@ -70,8 +69,6 @@ class FrameRenderer:
         Closed with the renderer.
     world : World
         In the same session.
-    others : sequence of (DeviceSession, World)
-        The same on other devices, which fill some of the rows.
 
     Attributes
     ----------
@@ -79,16 +76,13 @@ class FrameRenderer:
         Its calls are the pictures that are being rendered.
     """
 
-    def __init__(
-        self, session: DeviceSession, world: World, others: Sequence[tuple[DeviceSession, World]] = ()
-    ) -> None:
-        first, *rest = (Caster(*each, "renderer") for each in ((session, world), *others))
-        self.caster = first.beside(rest)
+    def __init__(self, session: DeviceSession, world: World) -> None:
+        self.caster = Caster(session, world, "renderer")
 
-    def at(self, caster: Caster) -> FrameRenderer:
-        """Return the same with other worlds, which a caster holds."""
+    def at(self, world: World) -> FrameRenderer:
+        """Return a renderer of another world, which shares all else with this one."""
         moved = copy(self)
-        moved.caster = caster
+        moved.caster = self.caster.at(world)
         return moved
 
     def render(
@@ -96,7 +90,6 @@ class FrameRenderer:
         view: NDArray[np.void],
         painter: OneRayPainter | SamplePainter,
         times: CommandTimes | None = None,
-        others: Mapping[DeviceSession, OneRayPainter | SamplePainter] | None = None,
         on_rows: RowProgress | None = None,
         launch_s: float = LAUNCH_S,
     ) -> tuple[NDArray[np.uint8], NDArray[np.void]]:
@@ -108,8 +101,6 @@ class FrameRenderer:
         painter : OneRayPainter or SamplePainter
         times : CommandTimes, optional
             Collects the times of this picture's commands, instead of the session's.
-        others : mapping of DeviceSession to painter
-            The painters on the other devices.
         on_rows : function, optional
             Called with the number of rows that are done, or parts of them, and of all rows.
         launch_s : float
@@ -127,11 +118,6 @@ class FrameRenderer:
             The tree is no longer on the device.
         DeviceError
             The device fails, or this process was forked from one that has used OpenCL.
-
-        Warns
-        -----
-        DeviceWarning
-            One of several devices has failed, and others did its work.
         """
         width, height = int(view["width"][0]), int(view["height"][0])
         hit_dtype = self.caster.world.hit_dtype
@@ -140,22 +126,20 @@ class FrameRenderer:
         )
         colours, hits = np.empty((height, width, _CHANNELS), np.uint8), np.empty((height, width), hit_dtype)
 
-        def paint(call: Call, rows: range, on_rows: RowProgress | None) -> None:
-            own, session = (others or {}).get(call.caster.session, painter), call.session
-            row_bytes = max(1, own.pixel_bytes) * (width + _BORDER)
+        def paint(call: Call) -> None:
+            session = call.session
+            row_bytes = max(1, painter.pixel_bytes) * (width + _BORDER)
             fitting = session.fit_items(row_bytes, _PAINTER_BYTES // row_bytes) - _BORDER
-            fitting = min(len(rows), session.fit_items(hit_dtype.itemsize, BAND_PIXELS) // width, fitting)
+            fitting = min(height, session.fit_items(hit_dtype.itemsize, BAND_PIXELS) // width, fitting)
             shared_times, session.times = session.times, times or session.times
             try:
                 # Other programs take memory of the device, too: then bands are halved.
                 most = max(1, fitting >> call.caster.halvings)
-                _render_bands(call, view, own, rows, most, colours, hits, on_rows, launch_s)
+                _render_bands(call, view, painter, most, colours, hits, on_rows, launch_s)
             finally:
                 session.times = shared_times
 
-        tile_rows = max(each.session.settings.tile[1] for each in self.caster.all)
-        least = max(1, LEAST_RANGE // width)
-        cast_ranges(self.caster, height, paint, on_rows, least=least, find_step=lambda: tile_rows)  # type: ignore[arg-type]
+        self.caster.run(paint)
         return colours, hits
 
     def develop(self, view: NDArray[np.void], film: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -169,7 +153,7 @@ class FrameRenderer:
         """
         height, width = film.shape[:2]
         colours = np.empty((height, width, _CHANNELS), np.uint8)
-        with self.caster.working[0].open_call() as call:
+        with self.caster.open_call() as call:
             session = call.session
             kernel = session.kernel(_DEVELOP)
             band_rows = min(height, max(1, session.fit_items(_FILM_BYTES, BAND_PIXELS) // width))
@@ -190,20 +174,19 @@ class FrameRenderer:
 
 
 def _render_bands(
-    call: Call, view: NDArray[np.void], painter: Any, rows: range, band_rows: int, colours: NDArray[Any],
-    hits: NDArray[Any], on_rows: RowProgress | None, launch_s: float,
+    call: Call, view: NDArray[np.void], painter: Any, band_rows: int, colours: NDArray[Any], hits: NDArray[Any],
+    on_rows: RowProgress | None, launch_s: float,
 ) -> None:  # fmt: skip
-    """Fill rows of the colours and the hits, at most this many at a time."""
+    """Fill the colours and the hits, at most this many rows at a time."""
     session, memory, (height, width) = call.session, call.memory, hits.shape
     sizes = {"view": VIEW.itemsize, "colours": band_rows * width * _CHANNELS, "hits": band_rows * width * hits.itemsize}
     buffers = {name: memory.buffer(name, for_mapping=False).take(size) for name, size in sizes.items()}
     session.write(buffers["view"], view)
-    first_row, row_count = rows.start, band_rows if launch_s >= LAUNCH_S else min(_FIRST_ROWS, band_rows)
-    while first_row < rows.stop:
-        end = min(first_row + row_count, rows.stop)
+    first_row, row_count = 0, band_rows if launch_s >= LAUNCH_S else min(_FIRST_ROWS, band_rows)
+    while first_row < height:
+        end = min(first_row + row_count, height)
 
         def report(share: float, first_row: int = first_row, end: int = end) -> None:
-            call.check_stopped()
             if on_rows is not None:
                 on_rows(first_row + (end - first_row) * share, height)
 

@@ -18,8 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..bvh import Bvh
 from ..choices import DEFAULT_CHANNELS, LIT_SHADINGS, REPORT_SHADINGS, STANDARD_VIEWS
 from ..device.info import DeviceInfo
-from ..device.select import choose_devices
-from ..device.session import DeviceSession
 from ..device.times import CommandTimes
 from ..errors import ConfigError, QueryError, SceneError
 from ..geometry import Mesh
@@ -34,10 +32,7 @@ from ..support.opened import digest_of, open_once
 from ..support.stopwatch import Stopwatch, add_total
 from ..trace.hits.closest import find_closest_hits
 from ..trace.hits.hits import Hits
-from ..trace.launch import Caster
-from ..trace.ranges import leave_out, move_worlds
 from ..trace.rays.batch import read_rays
-from ..trace.world.world import World
 from .built_scene import BuiltScene
 from .cameras.camera import Camera
 from .cameras.projection import Fisheye
@@ -63,19 +58,17 @@ class _Shown(NamedTuple):
     built: BuiltScene
     finder: ViewFinder
     frames: FrameRenderer
-    painters: dict[DeviceSession, Painters]
+    painters: Painters
     joined: JoinedScenes
 
     @classmethod
-    def make(
-        cls, built: BuiltScene, frames: FrameRenderer, painters: dict[DeviceSession, Painters], options: RenderOptions
-    ) -> Self:
-        """Complete what the scene, the devices and their painters decide."""
+    def make(cls, built: BuiltScene, frames: FrameRenderer, painters: Painters, options: RenderOptions) -> Self:
+        """Complete what the scene, the device and its painters decide."""
         return cls(built, ViewFinder(built.bounds), frames, painters, JoinedScenes(built, frames, options))
 
 
 class Renderer(ContextManager):
-    """Renders pictures of one scene on one device, or on several; a context manager.
+    """Renders pictures of one scene on one device; a context manager.
 
     Meshes, trees and kernels are made once; each picture then costs its kernel and the transfer from the
     device. Any number of threads may use one renderer, and so may forked children on the host. On a device of
@@ -169,24 +162,21 @@ class Renderer(ContextManager):
         with ExitStack() as on_failure:
             # A wrong setting is found before any work.
             guessed = (view or View()).changed(**changes)
-            devices = choose_devices(self._options.device)
             # Side by side: a driver starts, and loads what it has compiled, without Python's lock.
-            opening = (partial(open_session, each, guessed.shading) for each in devices)
-            built, *sessions = side_by_side(make_world, *opening)
-            for each in sessions:
-                on_failure.push(each)
+            opening = partial(open_session, self._options.device, guessed.shading)
+            built, session = side_by_side(make_world, opening)
+            on_failure.push(session)
             watch.lap("open")
-            worlds = [(each, built.put(each)) for each in sessions]
-            painters = {each: Painters(each, world, built) for each, world in worlds}
-            self._shown = _Shown.make(built, FrameRenderer(*worlds[0], worlds[1:]), painters, self._options)
+            world = built.put(session)
+            frames, painters = FrameRenderer(session, world), Painters(session, world, built)
+            self._shown = _Shown.make(built, frames, painters, self._options)
             self._moving = make_lock()
             # What is uploaded later belongs to the phase in which it is.
-            upload_ms = sum(each.times.sums_ms()["upload"] for each in sessions)
+            upload_ms = session.times.sums_ms()["upload"]
             watch.lap("layout")
             # So that the first picture takes no longer than the others.
             joined = self._shown.joined.find(self._shown.finder.complete(self.view))
-            for each in (joined or self._shown).painters.values():
-                each.painter(self.view, np.zeros(1, VIEW), Progress(1))
+            (joined or self._shown).painters.painter(self.view, np.zeros(1, VIEW), Progress(1))
             watch.lap("compile")
             laps_ms, made = watch.laps_ms, built.made
             phases_ms = {
@@ -230,8 +220,7 @@ class Renderer(ContextManager):
             Called with the samples that are done, and that all pixels are to get, after each launch of the kernel. An
             error that it raises ends the picture.
         is_stopped : function, optional
-            Asked after each launch, by the threads of several devices; if it returns True, the picture shows the
-            samples taken so far.
+            Asked after each launch; if it returns True, the picture shows the samples taken so far.
         keeps_film : bool
             Whether the picture keeps the linear colours of its samples, see `Picture.film`.
         launch_s : float
@@ -301,14 +290,13 @@ class Renderer(ContextManager):
         frames, space, ground = traced.frames, traced.built.space, finder.ground(view, camera)
         boxes = built.bounds.box_in(space), ground, finder.bounds(view).box_in(space)
         described = make_kernel_view(view, camera, space, *boxes, is_studio_lit)
-        sessions = [each.session for each in frames.caster.working]
-        painters = {each: traced.painters[each].painter(view, described, progress) for each in sessions}
+        painter = traced.painters.painter(view, described, progress)
 
         def show(rows: float, height: int) -> None:
             if on_samples is not None:
                 on_samples(round(rows * pixel_samples), height * pixel_samples)
 
-        colours, found = frames.render(described, next(iter(painters.values())), times, painters, show, launch_s)
+        colours, found = frames.render(described, painter, times, show, launch_s)
         if joined is not None:
             found = joined.as_world_hits(found)
         if is_denoised:
@@ -354,9 +342,7 @@ class Renderer(ContextManager):
 
         guide = Progress(GUIDE_SAMPLES, film=np.empty_like(film))
         plain, frames = replace(view, shading="albedo"), traced.frames
-        sessions = [each.session for each in frames.caster.working]
-        painters = {each: traced.painters[each].painter(plain, described, guide) for each in sessions}
-        frames.render(described, next(iter(painters.values())), None, painters)
+        frames.render(described, traced.painters.painter(plain, described, guide))
         assert guide.film is not None
         denoise_film(film, guide.film, normals)
         return frames.develop(described, film)
@@ -429,20 +415,14 @@ class Renderer(ContextManager):
         ...     before, renderer.render().report()["hits"]
         (216, 440)
         """
-        with self._shown.frames.caster.working[0].open_call() as call, self._moving:
+        with self._shown.frames.caster.open_call() as call, self._moving:
             built, _, frames, painters, _ = self._shown
             state = self.scene._move(built.state, instances, transforms)
-
-            def move(device: Caster, session: DeviceSession) -> World:
-                return device.world.with_transforms(state, session)
-
-            caster, moved, failed = move_worlds(frames.caster, call, move)
-            built = built.at(moved[0][1])
+            world = frames.caster.world.with_transforms(state, call.session)
+            built = built.at(world)
             if self._options.validate:
                 built.validate()
-            painters = {device.session: painters[device.session].at(world, built) for device, world in moved}
-            self._shown = _Shown.make(built, frames.at(caster), painters, self._options)
-            leave_out(caster, failed)
+            self._shown = _Shown.make(built, frames.at(world), painters.at(world, built), self._options)
 
     @property
     def mesh(self) -> Mesh | None:
@@ -456,13 +436,8 @@ class Renderer(ContextManager):
 
     @property
     def device(self) -> DeviceInfo:
-        """The device that the tree is on; of several the first."""
-        return self.devices[0]
-
-    @property
-    def devices(self) -> tuple[DeviceInfo, ...]:
-        """The devices that the tree is on, without those that have failed."""
-        return tuple(each.session.info for each in self._shown.frames.caster.working)
+        """The device that the tree is on."""
+        return self._shown.frames.caster.session.info
 
     @property
     def layout(self) -> str:
@@ -471,8 +446,8 @@ class Renderer(ContextManager):
 
     @property
     def memory_bytes(self) -> int:
-        """Memory of all devices that the tree and the triangles take."""
-        return sum(each.world.memory_bytes for each in self._shown.frames.caster.all)
+        """Device memory that the tree and the triangles take."""
+        return self._shown.frames.caster.world.memory_bytes
 
     @property
     def is_closed(self) -> bool:
@@ -507,10 +482,8 @@ class Renderer(ContextManager):
         twin = object.__new__(Renderer)
         built, _, frames, painters, _ = self._shown
         vars(twin).update(vars(self), scene=scene._at(built.state), view=view, _moving=make_lock())
-        worlds = {each.session: (each.session.branch(), each.world) for each in frames.caster.working}
-        first, *others = worlds.values()
-        own = {branch: painters[session] for session, (branch, _) in worlds.items()}
-        twin._shown = _Shown.make(built, FrameRenderer(*first, others), own, self._options)
+        own = FrameRenderer(frames.caster.session.branch(), frames.caster.world)
+        twin._shown = _Shown.make(built, own, painters, self._options)
         return twin
 
     def _repr_png_(self) -> bytes:

@@ -8,7 +8,6 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
 from ..builders.build import plan_trees, suit_options
@@ -16,7 +15,7 @@ from ..builders.options import FAST_QUALITY, BuildOptions
 from ..builders.tree_cache import find_tree_cache, get_trees
 from ..builders.tree_options import TreeOptions
 from ..bvh import Bvh
-from ..device.select import choose_devices
+from ..device.info import DeviceInfo
 from ..errors import SceneError
 from ..geometry import Shape
 from ..scene.scene import Scene
@@ -24,9 +23,8 @@ from ..scene.state import SAVED_SCENE
 from ..support.archive import begins_with_member
 from ..support.files import open_regular, read_errors_as
 from ..support.folders import is_writable
-from ..support.host_threads import side_by_side
 from ..support.opened import open_once
-from ..trace.tracer import Devices, Opening, Tracer, open_kept
+from ..trace.tracer import Opening, Tracer, open_kept
 from .open_scene import SceneLike, as_scene, open_scene
 from .options import RenderOptions
 from .renderer import Renderer
@@ -140,7 +138,9 @@ class SceneRef:
             )
         return loaded or open_scene(self.path)
 
-    def tracer(self, *, device: Devices = None, layout: str = "auto", quality: str = "default") -> Tracer:
+    def tracer(
+        self, *, device: DeviceInfo | str | int | None = None, layout: str = "auto", quality: str = "default"
+    ) -> Tracer:
         """Return a tracer of the scene, which this process opens once for these arguments, and keeps for later calls.
 
         Its changes and its end are its own. Trees of the qualities ``"default"`` and ``"high"`` come from the folder
@@ -174,17 +174,15 @@ class SceneRef:
         return type(self).__name__, self.path, self.sha256
 
 
-def open_tracer(ref: SceneRef, device: Devices = None, layout: str = "auto", quality: str = "default") -> Tracer:
+def open_tracer(
+    ref: SceneRef, device: DeviceInfo | str | int | None = None, layout: str = "auto", quality: str = "default"
+) -> Tracer:
     """Return the tracer that the process keeps open for `SceneRef.tracer`: for queries, not to be changed or closed."""
 
-    def load() -> tuple[Scene, Sequence[Bvh | BuildOptions]]:
-        scene, _ = ref.load()
-        return scene, _find_trees(scene.snapshot().shapes, quality)
-
     def open_anew() -> Tracer:
-        # Side by side: drivers start without Python's lock.
-        (scene, trees), _ = side_by_side(load, partial(choose_devices, device))
-        return open_kept(trees, Opening(scene, scene.snapshot(), None, device, layout, quality, ref))
+        scene, _ = ref.load()
+        state = scene.snapshot()
+        return open_kept(_find_trees(state.shapes, quality), Opening(scene, state, None, device, layout, quality, ref))
 
     return open_once((ref.sha256, repr(device), layout, quality), open_anew)
 

@@ -7,7 +7,7 @@ else is remembered from one call to the next, so calls of several threads do not
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from copy import copy
 from types import MappingProxyType
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..device.host.library import HostKernel
 from ..device.radix_sort import sort_pairs
 from ..device.session import DeviceSession
+from ..errors import DeviceMemoryError
 from ..support.context_manager import ContextManager
 from ..support.forks import make_lock
 from .host_rays import HostRays
@@ -94,13 +95,6 @@ class Caster(ContextManager):
     world : World
     owner : str
         Name of the object that the user closes, for messages.
-
-    Attributes
-    ----------
-    others : tuple of Caster
-        The same world on other devices. They are replaced together with this one, so that a query sees one state.
-    lost : set of DeviceSession
-        Of the devices that have failed; shared with the casters at other worlds.
     """
 
     def __init__(self, session: DeviceSession, world: World, owner: str = "tracer") -> None:
@@ -111,32 +105,12 @@ class Caster(ContextManager):
         self._kernels: dict[tuple[Any, ...], Any] = {}
         self._lock = make_lock()
         self.halvings = 0  # of the usual batch, since the device did not hold it
-        self.others: tuple[Caster, ...] = ()
-        self.lost: set[DeviceSession] = set()
 
     def at(self, world: World) -> Caster:
         """Return a caster at another world, which shares all else with this one."""
         caster = copy(self)
         caster.world = world
         return caster
-
-    def beside(self, others: Iterable[Caster]) -> Caster:
-        """Return this caster with the same world on other devices, which share its threads on the host."""
-        caster = copy(self)
-        caster.others = tuple(copy(each) for each in others)  # queries at work still use these
-        for each in caster.others:
-            each.others, each.threads, each.lost = (), caster.threads, caster.lost
-        return caster
-
-    @property
-    def all(self) -> list[Caster]:
-        """The casters on all devices, also on those that have failed."""
-        return [self, *self.others]
-
-    @property
-    def working(self) -> list[Caster]:
-        """The casters on devices that have not failed; at least one."""
-        return [each for each in self.all if each.session not in self.lost] or [self]
 
     def open_call(self) -> Call:
         """Return a call to use in a `with` block, which has memory of its own for as long as the block lasts.
@@ -149,6 +123,35 @@ class Caster(ContextManager):
             On entering the block: this process was forked from one that has used OpenCL.
         """
         return Call(self)
+
+    def run(self, work: Callable[[Call], object]) -> None:
+        """Run the work of a query in a call; again, with pieces of half the size, while they do not fit the device.
+
+        Whether a batch fits is known only when the driver refuses it: other programs use the same memory. The pieces
+        stay small for later queries of the caster.
+
+        Parameters
+        ----------
+        work : function
+            Called with an open call; it may run more than once, and the user's progress begins again with it.
+
+        Raises
+        ------
+        QueryError, DeviceError
+            As `open_call`.
+        DeviceMemoryError
+            Even the smallest pieces do not fit.
+        """
+        fits = False
+        while not fits:
+            tried = self.halvings
+            try:
+                with self.open_call() as call:
+                    work(call)
+                fits = True
+            except DeviceMemoryError:
+                if not self.cut_smaller(tried):
+                    raise
 
     def cut_smaller(self, tried: int) -> bool:
         """Halve the batches to come, and give back what calls have left; return whether that can help.
@@ -179,32 +182,24 @@ class Caster(ContextManager):
         return world.kernels[name]
 
     def close(self) -> None:
-        """Give the memory of all devices back, after the calls of other threads have ended."""
-        for each in self.all:
-            each.calls.close()
+        """Give the device's memory back, after the calls of other threads have ended."""
+        self.calls.close()
 
     def release(self) -> None:
         """Give back the memory of calls that have ended; the world stays."""
         self.threads.close()
-        for each in self.all:
-            each.calls.release_idle()
+        self.calls.release_idle()
 
 
 class Call(MemoryLoan):
     """One query at work: it fills buffers and launches kernels, and holds its memory until it ends.
 
     A buffer holds one batch, and one batch's results, at a time: a batch is cast before the next one is put there.
-
-    Attributes
-    ----------
-    check_stopped : function
-        Called before each launch; it raises where the query is to end early.
     """
 
     def __init__(self, caster: Caster) -> None:
         super().__init__(caster.calls)
         self.caster, self.world, self.threads = caster, caster.world, caster.threads
-        self.check_stopped: Callable[[], object] = bool
 
     def at(self, world: World) -> Call:
         """Return this call at another world on the same device."""
@@ -299,7 +294,6 @@ class Call(MemoryLoan):
 
     def launch(self, query: Query, batch: Batch, *, results_per_item: int = 1, **arguments: Any) -> Any:
         """Cast a batch as `cast` does, and return the buffer of its results, which the device may still write."""
-        self.check_stopped()
         dtype, count = query.dtype or self.world.hit_dtype, batch.item_count * results_per_item
         results = self.take("results", count * dtype.itemsize, for_mapping=True)
         session, own = self.session, {**batch.arguments, query.results: results, **arguments}

@@ -13,14 +13,12 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from ..bvh import Bvh
-from ..device.session import DeviceSession
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh, Shape, Spheres
 from ..layouts.device_mesh import move_mesh
 from ..scene.handles import Geometry, Instances
 from ..support.context_manager import ContextManager
 from .launch import Call, Caster
-from .ranges import leave_out, move_worlds
 from .world.changes import Changes
 from .world.world import World
 
@@ -30,7 +28,7 @@ class Moves(ContextManager):
 
     # Each query reads it once, because a move replaces it.
     _caster: Caster
-    _changes_on: dict[DeviceSession, Changes]
+    _changes: Changes
     # Held by a move, so that two of them do not write at the same time.
     _updating: threading.RLock
 
@@ -248,33 +246,24 @@ class Moves(ContextManager):
             moved = shape.with_spheres(centres, radii)
             self._change(call, Changes.set_shape, geometry_id, moved)
 
-    @property
-    def _changes(self) -> Changes:
-        """The changes of the first device that works."""
-        return self._changes_on[self._caster.working[0].session]
-
     @contextmanager
     def _changing(self) -> Iterator[tuple[Call, World]]:
-        """Give memory on the first device for a change, and the newest world, while no other change is at work."""
-        with self._caster.working[0].open_call() as call, self._updating:
-            yield call, self._caster.working[0].world
+        """Give memory on the device for a change, and the newest world, while no other change is at work."""
+        with self._caster.open_call() as call, self._updating:
+            yield call, self._caster.world
 
     def _change(self, call: Call, change: Callable[..., World], *arguments: Any) -> None:
-        """Change the world of each device, side by side, and let later queries see all of them at once.
+        """Change the world, and let later queries see it.
 
         Parameters
         ----------
         call : Call
             Of `_changing`.
         change : function
-            Called with the `Changes` of a device, its world, the arguments, and a session of this thread.
+            Called with the tracer's changes, its world, the arguments, and the session of the call.
         """
-
-        def move(device: Caster, session: DeviceSession) -> World:
-            return change(self._changes_on[device.session], device.world, *arguments, session)
-
-        self._caster, moved, failed = move_worlds(self._caster, call, move)
+        before = self._caster.world
+        after = change(self._changes, before, *arguments, call.session)
+        self._caster = self._caster.at(after)
         # Not earlier: after Ctrl-C the buffers of the world that stays would be written by the next change.
-        for device, world in moved:
-            self._changes_on[device.session].retire(device.world, world)
-        leave_out(self._caster, failed)
+        self._changes.retire(before, after)

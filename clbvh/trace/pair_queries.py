@@ -130,7 +130,7 @@ class PairQueries(Moves):
             raise ConfigError(f"max_distance must be a number from 0, not {max_distance!r}")
         limit = float(max_distance)
         pairs = self._pair_up(a, b)
-        with self._caster.working[0].open_call() as call:
+        with self._caster.open_call() as call:
             search = PairSearch.open(call.world, self._host_trees, np.sort(pairs))
             squared = min(limit * search.unit, _FAR) ** 2 * _ROOM + TOUCH
             # To find a touch takes a tenth of the time: not of parts whose boxes are apart.
@@ -169,7 +169,7 @@ class PairQueries(Moves):
         (True, False)
         """
         pairs = self._pair_up(a, b)
-        with self._caster.working[0].open_call() as call:
+        with self._caster.open_call() as call:
             search = PairSearch.open(call.world, self._host_trees, np.sort(pairs))
             return search.find_one(TOUCH) is not None
 
@@ -208,7 +208,7 @@ class PairQueries(Moves):
                [1, 2]], dtype=int32)
         """
         chosen = np.unique(self._changes.choose_instances(None, instances))
-        with self._caster.working[0].open_call() as call:
+        with self._caster.open_call() as call:
             check_meshes(call.world, chosen)
             lower, upper = find_boxes(call.world.arrays)
             pairs = chosen[find_overlaps(lower[chosen], upper[chosen])]

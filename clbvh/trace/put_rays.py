@@ -58,7 +58,7 @@ def put_vectors(
     if not session.info.has_fp64:
         reason = f"the device '{session.info.name}' has no double precision"
     elif not all(each.context == session.context for each in given):
-        reason = "their context is not that of the tracer's first device, `tracer.context`"
+        reason = "their context is not that of the tracer, `tracer.context`"
     elif are_refined and device.world.has_spheres:
         reason = "hits on spheres are computed there"
     if reason:
@@ -77,19 +77,19 @@ def host_packs(info: DeviceInfo) -> bool:
 
 
 def cut_batch(
-    call: Call, batch: RayBatch, *, part: range | None = None, most_rays: int = 0, progress: Progress | None = None
+    call: Call, batch: RayBatch, *, most_rays: int = 0, progress: Progress | None = None
 ) -> Iterator[RayPiece]:
     """Yield the pieces in which a call casts a batch of rays; see `pieces.cut_rays`."""
     world = call.world
     if batch.is_on_device:
         most = call.fit(PACKED_RAY, CHUNK_RAYS)
-        chunks = cut_points(part or range(batch.ray_count), most_points=most, progress=progress)
+        chunks = cut_points(batch.ray_count, most_points=most, progress=progress)
         return (RayPiece(begin, end) for begin, end in chunks)
     is_small = world.memory_bytes <= MOST_SAMPLED_BYTES
     return cut_rays(
         batch, world.box, call.order_by_keys, tile_rows=call.session.settings.tile[1],
         finds_pictures=world.has_entry_points, chunk_limit=call.fit(PACKED_RAY, CHUNK_RAYS), most_rays=most_rays,
-        part=part, count_steps=partial(_count_steps, call) if is_small else None, progress=progress,
+        count_steps=partial(_count_steps, call) if is_small else None, progress=progress,
     )  # fmt: skip
 
 

@@ -107,7 +107,7 @@ class RayQueries(Moves):
         )
         if not batch.is_on_device:
             hits = find_closest_hits(caster, batch, progress)
-            return hits if out == "host" else put_hits(caster.working[0].session, hits)
+            return hits if out == "host" else put_hits(caster.session, hits)
         found = find_hits_on_device(caster, batch, progress)
         return found if out == "device" else download_hits(caster, found)
 
@@ -242,10 +242,9 @@ class RayQueries(Moves):
         # Read once, because an update may replace it by one that masks differently.
         caster, read = self._caster, cast(Callable[..., Any], read_rays)
         are_usual = type(origins) is type(directions) is np.ndarray
-        if to_device or not (are_usual or not (is_device_array(origins) or is_device_array(directions))):
-            first = caster.working[0].beside(())
-            if (vectors := put_vectors(first, origins, directions, are_refined=are_refined)) is not None:
-                caster, read, (origins, directions) = first, read_device_rays, vectors
+        is_of_device = to_device or not (are_usual or not (is_device_array(origins) or is_device_array(directions)))
+        if is_of_device and (vectors := put_vectors(caster, origins, directions, are_refined=are_refined)) is not None:
+            read, (origins, directions) = read_device_rays, vectors
         batch = read(origins, directions, t_min, t_max, mask)
         if mask is not None and caster.world.is_lone:
             t_max = np.where(np.asarray(on_host(mask)) == 0, -np.inf, on_host(t_max))

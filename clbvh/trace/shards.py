@@ -39,11 +39,10 @@ from .points.pack import FAR_SHARE, pack_points, take_points
 from .points.queries import POINT_BYTES, Search, SeenPoints, cut_pieces
 from .points.refine import ClosestPoints, FoundPoints, refine_points
 from .put_rays import cut_batch, put_rays
-from .ranges import cast_ranges, cast_rays
 from .ray_queries import check_max_hits
 from .rays.batch import Broadcast, RayBatch, check_room, read_points, read_rays
 from .rays.pack import pack_rays
-from .rays.pieces import CHUNK_RAYS, Progress
+from .rays.pieces import CHUNK_RAYS
 from .world.surface_arrays import SurfacePoints, make_surface_arrays
 from .world.tree_box import TreeBox
 from .world.trees import check_layout
@@ -512,15 +511,15 @@ def _cast_closest(
 ) -> None:  # fmt: skip
     """Replace the hits of rays, the batch, by nearer ones in a shard; `rays` are their indices in the answers."""
 
-    def cast(call: Call, part: range, _progress: Progress | None) -> None:
-        for piece in cut_batch(call, batch, part=part):
+    def cast(call: Call) -> None:
+        for piece in cut_batch(call, batch):
             with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
                 own = rays[piece.begin : piece.begin + len(found)]
                 is_nearer = _keep_nearer(found, own, prim_ids, device_t, hits.prim_id)
                 refine = partial(_refine, caster, batch, piece.begin, found, own, is_nearer, hits)
                 call.threads.for_ranges(len(found), refine, least_items=LEAST_HITS)
 
-    cast_rays(caster, batch, cast, None)
+    caster.run(cast)
 
 
 def _keep_nearer(
@@ -573,9 +572,9 @@ def _find_nearer(
     """Replace the closest points by nearer ones in a shard; `ids` are the indices of the points in the answers."""
     box, arrays = caster.world.box, caster.world.arrays
 
-    def cast(call: Call, part: range, _progress: Progress | None) -> None:
+    def cast(call: Call) -> None:
         metrics = Search.begin(call).metrics
-        for piece in cut_pieces(call, SeenPoints(points, None, None), part, None):
+        for piece in cut_pieces(call, SeenPoints(points, None, None), None):
             own = ids[piece.begin : piece.end][piece.order]
             with call.cast(_CLOSEST_IN_SHARD, pack_points(call, piece.points, piece.masks, piece.order)) as prims:
                 nearer = np.flatnonzero(_keep_nearer(prims, own, prim_ids, squares, found.prim_id))
@@ -584,4 +583,4 @@ def _find_nearer(
             targets = own[nearer]
             found.distance[targets], found.point[targets], found.instance_id[targets] = kept.distance, kept.point, 0
 
-    cast_ranges(caster, len(ids), cast, None)
+    caster.run(cast)

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
-from ..device.select import choose_devices
 from ..device.times import CommandTimes
 from ..errors import QueryError
 from ..geometry import Mesh, MeshLike
@@ -27,7 +26,6 @@ from .clearance.walk import HostTrees
 from .launch import Caster
 from .pair_queries import PairQueries
 from .point_queries import PointQueries
-from .ranges import try_devices, warn_of_failure
 from .ray_queries import RayQueries
 from .world.changes import Changes
 from .world.trees import check_fit, check_layout
@@ -38,9 +36,6 @@ if TYPE_CHECKING:
 
 Traceable: TypeAlias = Scene | Bvh | MeshLike
 """Anything that rays can be cast at: a `Scene`, a `Bvh`, or a `MeshLike`."""
-
-Devices: TypeAlias = DeviceInfo | str | int | Sequence[Any] | None
-"""A device, or several: see `Tracer`."""
 
 
 class Opening(NamedTuple):
@@ -54,7 +49,7 @@ class Opening(NamedTuple):
         The scene as it was.
     tree : Bvh or None
         That was given for the only mesh.
-    device : DeviceInfo, str, int, sequence or None
+    device : DeviceInfo, str, int or None
         As it was asked for.
     layout, quality : str
     ref : SceneRef, optional
@@ -64,14 +59,14 @@ class Opening(NamedTuple):
     scene: Scene
     state: SceneState
     tree: Bvh | None
-    device: Devices
+    device: DeviceInfo | str | int | None
     layout: str
     quality: str
     ref: Any = None
 
 
 class Tracer(RayQueries, PointQueries, PairQueries):
-    """Casts rays at one mesh or scene on one device, or on several; a context manager.
+    """Casts rays at one mesh or scene on one device; a context manager.
 
     Any number of threads may use one tracer, and so may forked children on the host. On a device of OpenCL they cannot:
     their queries raise `DeviceError`, and closing the tracer there changes nothing.
@@ -86,10 +81,9 @@ class Tracer(RayQueries, PointQueries, PairQueries):
         built in this process, as `clbvh.build` does. A path names a mesh file. Vertices and faces may be a
         `pyopencl.array.Array`, float32 or float64, and int32: with the quality ``"fast"`` they stay on their device,
         where the tracer then is; see `clbvh.build`.
-    device : DeviceInfo, str, int, pyopencl.Device or None, or a sequence of them
+    device : DeviceInfo, str, int, pyopencl.Device or None
         The device: a number, part of its name, ``"gpu"`` or ``"host"``; by default a GPU, if there is one, or else the
-        host. ``"all"`` stands for all GPUs, under one driver each; the host has its own work beside them. Without a GPU
-        it stands for the accelerators, without these for the host. Name others in a list.
+        host.
     layout : str
         ``"auto"``, ``"bvh2"``, ``"bvh4"`` or ``"bvh8"``.
     quality : str
@@ -120,64 +114,50 @@ class Tracer(RayQueries, PointQueries, PairQueries):
         self,
         source: Traceable,
         *,
-        device: Devices = None,
+        device: DeviceInfo | str | int | None = None,
         layout: str = "auto",
         quality: str = "default",
     ) -> None:
         check_layout(layout)
-        devices = choose_devices(device)
         source = Scene(source) if isinstance(source, HasGraph) else source
-        mesh = None if isinstance(source, Scene) else _find_mesh(source, devices[0])
+        mesh = None if isinstance(source, Scene) else _find_mesh(source, device)
         scene = source if isinstance(source, Scene) else Scene(mesh)
         state = scene.snapshot()
-        check_fit(devices[0], layout, state.shapes)
+        check_fit(device, layout, state.shapes)
         tree = source if isinstance(source, Bvh) else None
         # A tree on the device is built once that is open.
         plans = _plan_trees(state, quality) if tree is None else [tree]
-        self._open(mesh, devices, plans, Opening(scene, state, tree, device, layout, quality))
+        self._open(mesh, plans, Opening(scene, state, tree, device, layout, quality))
 
-    def _open(
-        self, mesh: Mesh | None, devices: Sequence[Any], plans: Sequence[Bvh | BuildOptions], opening: Opening
-    ) -> None:
-        """Put the trees on devices: what the constructor does when it knows them."""
-
-        def open_caster(device: DeviceInfo | str | int | None) -> Caster:
-            session = open_session(mesh, device)
-            try:
-                return Caster(session, open_world(session, opening.state, plans, opening.layout))
-            except BaseException:
-                session.close()
-                raise
-
-        (first, *others), failed = try_devices(devices, open_caster)
-        for info, error in failed:
-            warn_of_failure(info.name, error)
-        self._start(first.beside(others), opening)
+    def _open(self, mesh: Mesh | None, plans: Sequence[Bvh | BuildOptions], opening: Opening) -> None:
+        """Put the trees on the device: what the constructor does when it knows them."""
+        session = open_session(mesh, opening.device)
+        try:
+            caster = Caster(session, open_world(session, opening.state, plans, opening.layout))
+        except BaseException:
+            session.close()
+            raise
+        self._start(caster, opening)
 
     def _start(self, caster: Caster, opening: Opening) -> None:
         tree = opening.tree or opening.quality
         self._caster, self._opening = caster, opening
-        self._changes_on = {each.session: Changes(opening.scene, opening.state, tree) for each in caster.all}
+        self._changes = Changes(opening.scene, opening.state, tree)
         self._updating = make_lock()
         self._host_trees = HostTrees()
 
     @property
     def device(self) -> DeviceInfo:
-        """The device that the tree is on; of several the first, which casts few rays alone."""
-        return self.devices[0]
-
-    @property
-    def devices(self) -> tuple[DeviceInfo, ...]:
-        """The devices that the tree is on, without those that have failed."""
-        return tuple(each.session.info for each in self._caster.working)
+        """The device that the tree is on."""
+        return self._caster.session.info
 
     @property
     def context(self) -> Any:
         """The `pyopencl.Context` of the tracer: arrays in it need not leave the device, see `update`.
 
-        Of several devices, that of the first one; None of the host.
+        None of the host.
         """
-        return self._caster.working[0].session.context
+        return self._caster.session.context
 
     @property
     def queue(self) -> Any:
@@ -185,7 +165,7 @@ class Tracer(RayQueries, PointQueries, PairQueries):
 
         A query of arrays on the device waits for it, and the hits that it leaves there are complete. None on the host.
         """
-        return self._caster.working[0].session.queue
+        return self._caster.session.queue
 
     @property
     def layout(self) -> str:
@@ -194,15 +174,14 @@ class Tracer(RayQueries, PointQueries, PairQueries):
 
     @property
     def memory_bytes(self) -> int:
-        """Memory of all devices for trees, primitives and instances; the first `update` of a mesh doubles it."""
-        worlds = sum(each.world.memory_bytes + each.world.refine_buffers.memory_bytes for each in self._caster.all)
-        return worlds + sum(changes.memory_bytes for changes in self._changes_on.values())
+        """Device memory for trees, primitives and instances; the first `update` of a mesh doubles it."""
+        world = self._caster.world
+        return world.memory_bytes + world.refine_buffers.memory_bytes + self._changes.memory_bytes
 
     @property
     def timings_ms(self) -> dict[str, float]:
-        """Milliseconds on the device so far, in all threads: upload, kernel, download; of several, their sum."""
-        sums = [each.session.times.sums_ms() for each in self._caster.all]
-        return {label: sum(own.get(label, 0.0) for own in sums) for each in sums for label in each}
+        """Milliseconds on the device so far, in all threads: upload, kernel, download."""
+        return self._caster.session.times.sums_ms()
 
     @property
     def is_closed(self) -> bool:
@@ -245,12 +224,10 @@ class Tracer(RayQueries, PointQueries, PairQueries):
         twin, opening = object.__new__(Tracer), self._opening
         # Of the world's shapes, so that those of the scene need not stay.
         opening = opening._replace(scene=scene._at(opening.state))
-        first, *others = (Caster(each.session.branch(), each.world) for each in self._caster.working)
-        for each in (first, *others):
-            each.session.times = CommandTimes()
-        twin._start(first.beside(others), opening)
-        for each in twin._caster.all:
-            twin._changes_on[each.session].share(each.world)
+        caster = Caster(self._caster.session.branch(), self._caster.world)
+        caster.session.times = CommandTimes()
+        twin._start(caster, opening)
+        twin._changes.share(caster.world)
         return twin
 
     def __repr__(self) -> str:
@@ -284,7 +261,7 @@ def _reopen(key: str, scene: Scene, tree: Bvh | None, device: Any, layout: str, 
 
 def open_kept(plans: Sequence[Bvh | BuildOptions], opening: Opening) -> Tracer:
     """Return a tracer of trees that are there; see `open_once`."""
-    tracer, devices = object.__new__(Tracer), choose_devices(opening.device)
-    check_fit(devices[0], opening.layout, opening.state.shapes)
-    tracer._open(None, devices, plans, opening)
+    tracer = object.__new__(Tracer)
+    check_fit(opening.device, opening.layout, opening.state.shapes)
+    tracer._open(None, plans, opening)
     return tracer

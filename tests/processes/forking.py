@@ -20,7 +20,6 @@ import trimesh
 import clbvh
 from clbvh.integrations.trimesh import RayMeshIntersector
 from clbvh.support.host_threads import HostThreads
-from clbvh.trace import ranges
 from clbvh.trace.rays import pieces
 
 # A child that takes longer hangs; compiling for the first time is slow.
@@ -157,23 +156,6 @@ class Parent:
             os._exit(0)
         return [results, wait_for(child[0])]
 
-    def query_two_devices(self):
-        """Fork in a query of two devices; return the child's exit code."""
-        child, ranges.LEAST_RANGE = [], 1 << 12
-
-        def fork(done, of):
-            if not child:
-                child.append(os.fork())
-
-        with clbvh.Tracer(self.bvh, device=["host", "pocl"]) as tracer:
-            try:
-                tracer.closest_hit(*self.rays, progress=fork)
-            except clbvh.errors.DeviceError:
-                os._exit(REFUSED)
-        if child[0] == 0:
-            os._exit(0)
-        return wait_for(child[0])
-
 
 def run_child(work, *, leave=os._exit):
     """Fork, call `work` in the child, and return what came of it."""
@@ -281,8 +263,6 @@ def main():
         children["at once"] = parent.cast_at_once()
         children["multiprocessing pool"] = query_pool(parent)
         children["in a task"] = parent.fork_in_a_task()
-    else:
-        children["in a query of two devices"] = parent.query_two_devices()
     children["sys.exit"] = run_child(parent.query, leave=sys.exit)
     children["forget, then sys.exit"] = run_child(parent.forget, leave=sys.exit)
     children["in a query"] = parent.fork_in_a_query()

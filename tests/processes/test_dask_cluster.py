@@ -9,9 +9,9 @@ import joblib
 import numpy as np
 import pytest
 import trimesh
-from distributed import Client, LocalCluster
+from distributed import Client, LocalCluster, Nanny, Scheduler, SpecCluster
 
-from clbvh import SceneRef, render_turntable
+from clbvh import SceneRef, Tracer, choose_device, render_turntable
 from clbvh.integrations.dask import closest_hit
 from clbvh.support import opened
 from tests.cli.command import refuses, run_clbvh
@@ -53,6 +53,32 @@ def test_workers_answer_as_a_tracer_here_and_open_it_once(session, client, ball,
         for name, found in hits.items():
             assert found.compute().tobytes() == getattr(expected, name).tobytes(), name
     assert set(client.run(count_opened).values()) <= {0, 1}
+
+
+def cast_here(ref, rays, **options):
+    """The device of the process, and the hits that it finds."""
+    tracer = ref.tracer(**options)
+    hits = tracer.closest_hit(*rays)
+    return tracer.device.name, [each.tobytes() for each in (hits.t, hits.u, hits.v, hits.prim_id)]
+
+
+@pytest.mark.on_opencl
+def test_workers_with_a_device_each_answer_as_one_tracer(session, ball, tmp_path):
+    names = {"host": choose_device("host").name, "pocl": choose_device("pocl").name}
+    common = {"nthreads": 1, "dashboard": False, "local_directory": str(tmp_path)}
+    workers = {each: {"cls": Nanny, "options": {**common, "env": {"CLBVH_DEVICE": each}}} for each in names}
+    scheduler = {"cls": Scheduler, "options": {"dashboard": False}}
+    with Tracer(ball, device="host") as one, SpecCluster(workers, scheduler) as cluster, Client(cluster) as client:
+        hits, ref = one.closest_hit(*RAYS), SceneRef(ball)
+        for number, part in enumerate(np.array_split(np.arange(len(RAYS[0])), 4)):
+            expected = [each[part].tobytes() for each in (hits.t, hits.u, hits.v, hits.prim_id)]
+            own, other = list(names)[:: 1 if number % 2 else -1]
+            # By the environment of the worker, and by the task.
+            for options, device in (({}, own), ({"device": other}, other)):
+                answer = client.submit(cast_here, ref, RAYS[:, part], workers=[own], **options).result(timeout=120)
+                assert answer == (names[device], expected)
+        shared = closest_hit(ball, *(da.from_array(each, chunks=(100, 3)) for each in RAYS))
+        assert client.compute(shared["t"]).result(timeout=120).tobytes() == hits.t.tobytes()
 
 
 def wait_a_little(block):

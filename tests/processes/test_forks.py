@@ -86,7 +86,6 @@ def test_what_needs_the_device_is_refused_in_one_line(children):
 
 def test_a_query_that_is_running_is_refused_and_its_parent_goes_on(children):
     assert children["in a query"] == [children["parent"][0], REFUSED]
-    assert children["in a query of two devices"] == REFUSED
 
 
 def test_it_is_refused_even_where_threads_of_the_parent_hold_locks(children):

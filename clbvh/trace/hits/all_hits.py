@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from ...device.host.loops import Loops
 from ..launch import Call, Caster, Query
 from ..put_rays import cut_batch, put_rays
-from ..ranges import cast_rays
 from ..rays.batch import RayBatch, check_room
 from ..rays.pieces import Progress, RayPiece
 from ..world.surface_arrays import SurfaceArrays
@@ -85,28 +84,23 @@ def find_crossings(caster: Caster, batch: RayBatch, max_hits: int | None, progre
     count = batch.ray_count
     check_room(count, _RAY_BYTES)
     counts, sources = np.zeros(count, np.int32), np.zeros(count, np.int64)
-    found_in: dict[range, list[NDArray[np.int64]]] = {}
+    segments: list[NDArray[np.int64]] = []
 
-    def cast(call: Call, part: range, progress: Progress | None) -> None:
+    def cast(call: Call) -> None:
+        nonlocal segments
         search = _Search(call, max_hits, progress, counts, sources)
         # One slot more than a ray can have crossings is never taken.
         most_slots = call.world.most_hits + 1
         slots = min(FIRST_SLOTS, most_slots)
-        crowded = _search_round(search, batch, None, slots, part)
+        crowded = _search_round(search, batch, None, slots)
         # Only the first round has the shape of a picture, and the user's progress.
         search.progress = None
         while len(crowded) > 0:
             slots = min(slots * SLOT_GROWTH, most_slots)
-            crowded = _search_round(search, batch.take(crowded), crowded, slots, range(len(crowded)))
-        found_in[part] = search.segments
+            crowded = _search_round(search, batch.take(crowded), crowded, slots)
+        segments = search.segments
 
-    cast_rays(caster, batch, cast, progress)
-    segments: list[NDArray[np.int64]] = []
-    for part in sorted(found_in, key=lambda each: each.start):
-        if segments:
-            sources[part.start : part.stop] += len(segments) << OFFSET_BITS
-        segments += found_in[part]
-
+    caster.run(cast)
     segment_begins = running_sums(np.array([len(segment) for segment in segments], np.int64))
     found = np.empty((segment_begins[-1], caster.world.hit_dtype.itemsize // 8), np.int64)
 
@@ -117,17 +111,15 @@ def find_crossings(caster: Caster, batch: RayBatch, max_hits: int | None, progre
     return Crossings(counts, sources, segment_begins, found.view(caster.world.hit_dtype).reshape(-1))
 
 
-def _search_round(
-    search: _Search, batch: RayBatch, ray_ids: NDArray[np.int64] | None, slots: int, part: range
-) -> NDArray[np.int64]:
-    """Find the nearest crossings of a part of a batch, and return the indices of rays whose slots are all taken.
+def _search_round(search: _Search, batch: RayBatch, ray_ids: NDArray[np.int64] | None, slots: int) -> NDArray[np.int64]:
+    """Find the nearest crossings of a batch, and return the indices of rays whose slots are all taken.
 
     `ray_ids` are the indices of the rays among the user's; None where they are the user's.
     """
     call, wanted = search.call, slots if search.max_hits is None else min(slots, search.max_hits)
     most_rays = max(1, call.fit(call.world.hit_dtype, MOST_SLOTS) // wanted)
     crowded = [np.empty(0, np.int64)]
-    for piece in cut_batch(call, batch, part=part, most_rays=most_rays, progress=search.progress):
+    for piece in cut_batch(call, batch, most_rays=most_rays, progress=search.progress):
         packed = put_rays(call, batch, piece, in_ray_order=False)
         with call.cast(FIRST_HITS, packed, results_per_item=wanted, slots=np.int32(wanted)) as kept:
             crowded += _compact_piece(

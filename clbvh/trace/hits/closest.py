@@ -14,7 +14,6 @@ from ...structs import STEPS
 from ..host_rays import HostRays
 from ..launch import Call, Caster, Query
 from ..put_rays import COUNT_STEPS, cut_batch, put_rays
-from ..ranges import cast_rays
 from ..rays import pieces
 from ..rays.batch import RayBatch, RowBatch, check_room, read_rays
 from ..rays.pieces import Progress, RayPiece
@@ -83,17 +82,16 @@ def _cast_batch(
     With `casts_sorted` false, sorted pieces take the device's way on the host, too.
     """
 
-    def cast(call: Call, part: range, progress: Progress | None) -> None:
-        for piece in cut_batch(call, batch, part=part, progress=progress):
+    def cast(call: Call) -> None:
+        for piece in cut_batch(call, batch, progress=progress):
             if call.session.info.is_host and (casts_sorted or piece.order is None):
-                call.check_stopped()
                 cast_on_host(call.caster, piece)
             else:
                 cast_on_device(call, piece)
 
     count = batch.ray_count
     if not _are_few(caster, batch):
-        cast_rays(caster, batch, cast, progress)
+        caster.run(cast)
         return
     # The end of the tracer waits for calls alone.
     caster.calls.check_open()

@@ -12,7 +12,6 @@ import numpy as np
 from ...device.session import DeviceSession
 from ..launch import Call, Caster
 from ..put_rays import cut_batch, put_rays
-from ..ranges import cast_rays
 from ..rays.batch import RayBatch, check_room
 from ..rays.pieces import Progress
 from .closest import CLOSEST_HIT, HIT_BYTES
@@ -68,16 +67,16 @@ def put_hits(session: DeviceSession, hits: Hits) -> DeviceHits:
 
 
 def find_hits_on_device(caster: Caster, rays: RayBatch, progress: Progress | None) -> DeviceHits:
-    """Return the closest hits of rays in a caster's only context, which are complete; the world has no spheres."""
+    """Return the closest hits of rays in a caster's context, which are complete; the world has no spheres."""
     hits = DeviceHits(*(caster.session.make_array(rays.shape, dtype) for dtype in _DTYPES))
     # Not in the call below: with less memory for rays, the surface would not fit any better.
     with caster.open_call() as call:
         surface = call.world.refine_buffers.on(call.world.trees.session, call.session)
     written = {name: caster.session.memory_of(values) for name, values in hits._asdict().items()}
 
-    def cast(call: Call, part: range, progress: Progress | None) -> None:
+    def cast(call: Call) -> None:
         refine = call.session.kernel("refine_hits")
-        for piece in cut_batch(call, rays, part=part, progress=progress):
+        for piece in cut_batch(call, rays, progress=progress):
             batch = put_rays(call, rays, piece)
             found = call.launch(CLOSEST_HIT, batch)
             size, group = (batch.item_count,), (call.session.settings.work_group_size,)
@@ -87,7 +86,7 @@ def find_hits_on_device(caster: Caster, rays: RayBatch, progress: Progress | Non
         # Other queues do not wait for that of the call.
         call.session.finish()
 
-    cast_rays(caster, rays, cast, progress)
+    caster.run(cast)
     return hits
 
 

@@ -17,9 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import ConfigError, QueryError
 from ...structs import HEMISPHERE
 from ..launch import Batch, Call, Caster, Query
-from ..ranges import cast_ranges
 from ..rays.batch import Broadcast, broadcast_shape, check_room, read_lengths, read_masks, read_vectors
-from ..rays.pieces import LEAST_RAYS, Progress
+from ..rays.pieces import Progress
 from ..world.surface_arrays import DOUBLE_ROUNDING, FLOAT_ROUNDING
 from ..world.tree_box import TreeBox
 from .pack import LOOPS, cut_points_of, find_point_order, put_points, take_masks, take_points
@@ -32,9 +31,6 @@ _LAUNCH_RAYS = 1 << 22
 
 # Points of a launch, at least, so that every GPU is busy.
 _LEAST_POINTS = 1 << 16
-
-# Points of a device's range, at least, where several devices share the work.
-_LEAST_RANGE_POINTS = 1 << 12
 
 _MOST_RAYS = 1 << 24
 _MOST_SEED = 0xFFFF_FFFF
@@ -67,12 +63,13 @@ def find_open_shares(
     count = math.prod(hemispheres.shape)
     check_room(count, 8, "points")
     shares = np.empty(count)
-    lost_counts: dict[int, int] = {}
+    lost_count = 0
 
-    def cast(call: Call, part: range, progress: Progress | None) -> None:
+    def cast(call: Call) -> None:
+        nonlocal lost_count
+        lost_count = 0
         most_points = max(_LEAST_POINTS, _LAUNCH_RAYS // rays)
-        lost_counts[part.start] = 0
-        for begin, end in cut_points_of(call, HEMISPHERE, part, progress, most_points=most_points):
+        for begin, end in cut_points_of(call, HEMISPHERE, count, progress, most_points=most_points):
             rows = hemispheres.take(begin, end, call.world.box)
             order = find_point_order(rows.points, call.world.box, call.order_by_keys)
             batch = pack_hemispheres(call, rows, order, first_number + begin)
@@ -87,10 +84,10 @@ def find_open_shares(
                     open_counts[order] += found
             # Every mask but 0 sees a mesh without instances, which the device does not check.
             shares[begin:end] = np.where(rows.masks == 0, 1.0, open_counts / rays)
-            lost_counts[part.start] += rows.lost_count
+            lost_count += rows.lost_count
 
-    cast_ranges(caster, count, cast, progress, least=max(_LEAST_RANGE_POINTS, LEAST_RAYS // rays))
-    return shares.reshape(hemispheres.shape), sum(lost_counts.values())
+    caster.run(cast)
+    return shares.reshape(hemispheres.shape), lost_count
 
 
 # Roundings in the user's own dtype between a point on the surface and its coordinates: seven for a point that is made

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from ...structs import NO_PRIM
 from ..launch import Call, Caster, Query
-from ..ranges import cast_ranges
 from ..rays.batch import check_room
 from ..rays.pieces import Progress
 from .pack import FAR_SHARE, pack_points
@@ -56,12 +55,12 @@ def find_nearest_points(
     found, slots = FoundPoints.make(seen.point_count * count), count + _SPARE_SLOTS
 
     @at_chosen_instances
-    def cast(seen: SeenPoints, call: Call, part: range, progress: Progress | None) -> None:
+    def cast(seen: SeenPoints, call: Call) -> None:
         search = Search.begin(call)
-        for piece in cut_pieces(call, seen, part, progress, most_points=max(1, _MOST_SLOTS // slots)):
+        for piece in cut_pieces(call, seen, progress, most_points=max(1, _MOST_SLOTS // slots)):
             _search(search, piece, count, slots, found.part(piece.begin * count, piece.end * count))
 
-    cast_ranges(caster, seen.point_count, partial(cast, seen), progress)
+    caster.run(partial(cast, seen))
     return found.as_closest((*seen.points.shape, count), caster.world.arrays.geometry_id)
 
 

@@ -56,10 +56,10 @@ _ALL_VISIBLE.flags.writeable = False
 
 
 def cut_points_of(
-    call: Call, dtype: np.dtype, part: range, progress: Progress | None, *, most_points: int = CHUNK_RAYS
+    call: Call, dtype: np.dtype, count: int, progress: Progress | None, *, most_points: int = CHUNK_RAYS
 ) -> Iterator[tuple[int, int]]:
     """Yield the chunks in which a call casts points, of the dtype in which they are packed; see `pieces.cut_points`."""
-    return cut_points(part, most_points=call.fit(dtype, min(most_points, CHUNK_RAYS)), progress=progress)
+    return cut_points(count, most_points=call.fit(dtype, min(most_points, CHUNK_RAYS)), progress=progress)
 
 
 def put_points(call: Call, dtype: np.dtype, count: int, pack: Callable[[int, int, NDArray[np.void]], None]) -> Batch:

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...structs import NO_PRIM, PACKED_POINT, WORLD_PRIM
 from ..launch import Batch, Call, Caster, Query
-from ..ranges import cast_ranges
 from ..rays.batch import Broadcast, check_room, read_masks, read_points
 from ..rays.pieces import CHUNK_RAYS, Progress
 from ..world.metrics import Metrics
@@ -131,7 +130,7 @@ def at_chosen_instances(cast: Callable[..., None]) -> Callable[..., None]:
     """Decorate a function of a call and `SeenPoints`: its call is at the world of the chosen instances alone."""
 
     @functools.wraps(cast)
-    def cast_chosen(seen: SeenPoints, call: Call, part: range, progress: Progress | None) -> None:
+    def cast_chosen(seen: SeenPoints, call: Call) -> None:
         world, chosen = call.world, seen.instance_ids
         if chosen is not None and world.is_lone:
             seen = seen._replace(masks=seen.masks if 0 in chosen else _NOTHING_VISIBLE)
@@ -139,7 +138,7 @@ def at_chosen_instances(cast: Callable[..., None]) -> Callable[..., None]:
             assert world.top is not None
             buffers = {name: call.session.upload(array) for name, array in prune_top(world.top, chosen).items()}
             call = call.at(with_instances(world, buffers))
-        cast(seen, call, part, progress)
+        cast(seen, call)
 
     return cast_chosen
 
@@ -150,13 +149,13 @@ def find_closest_points(caster: Caster, seen: SeenPoints, progress: Progress | N
     found = FoundPoints.make(seen.point_count)
 
     @at_chosen_instances
-    def cast(seen: SeenPoints, call: Call, part: range, progress: Progress | None) -> None:
+    def cast(seen: SeenPoints, call: Call) -> None:
         search = Search.begin(call)
-        for piece in cut_pieces(call, seen, part, progress):
+        for piece in cut_pieces(call, seen, progress):
             batch = pack_points(call, piece.points, piece.masks, piece.order)
             search.find(CLOSEST_POINT, piece, batch, found.part(piece.begin, piece.end))
 
-    cast_ranges(caster, seen.point_count, partial(cast, seen), progress)
+    caster.run(partial(cast, seen))
     return found.as_closest(seen.points.shape, caster.world.arrays.geometry_id)
 
 
@@ -166,15 +165,15 @@ def find_contained(caster: Caster, seen: SeenPoints, progress: Progress | None =
     is_inside = np.zeros(seen.point_count, np.bool_)
 
     @at_chosen_instances
-    def cast(seen: SeenPoints, call: Call, part: range, progress: Progress | None) -> None:
+    def cast(seen: SeenPoints, call: Call) -> None:
         box = call.world.box
-        for piece in cut_pieces(call, seen, part, progress):
+        for piece in cut_pieces(call, seen, progress):
             order = piece.order[find_in_box(piece.points, box, box.half * _BOX_GROWTH)[piece.order]]
             if len(order):
                 with _cast_inside(call, pack_points(call, piece.points, piece.masks, order)) as inside:
                     is_inside[piece.begin + order] = inside
 
-    cast_ranges(caster, seen.point_count, partial(cast, seen), progress)
+    caster.run(partial(cast, seen))
     return is_inside.reshape(seen.points.shape)
 
 
@@ -184,9 +183,9 @@ def find_signed_distances(caster: Caster, seen: SeenPoints, progress: Progress |
     signed, found = np.empty(seen.point_count), FoundPoints.make(seen.point_count)
 
     @at_chosen_instances
-    def cast(seen: SeenPoints, call: Call, part: range, progress: Progress | None) -> None:
+    def cast(seen: SeenPoints, call: Call) -> None:
         search, box = Search.begin(call), call.world.box
-        for piece in cut_pieces(call, seen, part, progress):
+        for piece in cut_pieces(call, seen, progress):
             near, own = found.part(piece.begin, piece.end), signed[piece.begin : piece.end]
             batch = pack_points(call, piece.points, piece.masks, piece.order)
             search.find(CLOSEST_POINT, piece, batch, near)
@@ -200,7 +199,7 @@ def find_signed_distances(caster: Caster, seen: SeenPoints, progress: Progress |
                     is_inside[piece.order] &= inside.view(np.bool_)
             own[is_inside] = near.distance[is_inside]
 
-    cast_ranges(caster, seen.point_count, partial(cast, seen), progress)
+    caster.run(partial(cast, seen))
     return signed.reshape(seen.points.shape)
 
 
@@ -209,14 +208,14 @@ def find_deepest_instances(caster: Caster, seen: SeenPoints) -> NDArray[np.int32
     deepest = np.empty(seen.point_count, np.int32)
 
     @at_chosen_instances
-    def cast(seen: SeenPoints, call: Call, part: range, progress: Progress | None) -> None:
+    def cast(seen: SeenPoints, call: Call) -> None:
         search = Search.begin(call)
-        for piece in cut_pieces(call, seen, part, progress):
+        for piece in cut_pieces(call, seen, None):
             batch = pack_points(call, piece.points, piece.masks, piece.order)
             with call.cast(_DEPTH, batch, metrics=search.buffer, **_put_surplus(call)) as prims:
                 deepest[piece.begin + piece.order] = prims["instance_id"]
 
-    cast_ranges(caster, seen.point_count, partial(cast, seen), None)
+    caster.run(partial(cast, seen))
     return deepest
 
 
@@ -232,11 +231,11 @@ def _put_surplus(call: Call) -> dict[str, Any]:
 
 
 def cut_pieces(
-    call: Call, seen: SeenPoints, part: range, progress: Progress | None, *, most_points: int = CHUNK_RAYS
+    call: Call, seen: SeenPoints, progress: Progress | None, *, most_points: int = CHUNK_RAYS
 ) -> Iterator[Piece]:
-    """Yield the pieces in which to cast some of the points."""
+    """Yield the pieces in which to cast the points."""
     box = call.world.box
-    for begin, end in cut_points_of(call, PACKED_POINT, part, progress, most_points=most_points):
+    for begin, end in cut_points_of(call, PACKED_POINT, seen.point_count, progress, most_points=most_points):
         points, masks = take_points(seen.points, begin, end, box), take_masks(seen.masks, begin, end)
         yield Piece(begin, end, points, masks, find_point_order(points, box, call.order_by_keys))
 

@@ -87,7 +87,6 @@ def cut_rays(
     finds_pictures: bool = True,
     chunk_limit: int = 0,
     most_rays: int = 0,
-    part: range | None = None,
     count_steps: StepCounter | None = None,
     progress: Progress | None = None,
 ) -> Iterator[RayPiece]:
@@ -106,8 +105,6 @@ def cut_rays(
         Rays of a chunk, at most; `CHUNK_RAYS` without it.
     most_rays : int
         Rays of a piece, at most. Without it every piece is a whole chunk.
-    part : range, optional
-        The rays to cast, by default all; of a picture, from the beginning of a row on, see `find_rows`.
     count_steps : function, optional
         Called with a sample of the rays, it returns the nodes and leaves that one of them visits on average. Without
         it, scattered rays are always sorted.
@@ -119,7 +116,8 @@ def cut_rays(
     most_rays = min(most_rays or chunk_limit, chunk_limit)
     row_length = None
     if finds_pictures and ray_count >= LEAST_RAYS:
-        row_length = find_rows(batch)
+        # Of arrays with two or more leading dimensions, the last one is a row.
+        row_length = _row_length_of_shape(batch.shape) or find_row_length(batch)
     band_rays = (row_length or most_rays + 1) * tile_rows
     if band_rays > most_rays:
         row_length, piece_rays = None, most_rays
@@ -127,9 +125,8 @@ def cut_rays(
         piece_rays = most_rays // band_rays * band_rays
     chunk_rays = chunk_limit // piece_rays * piece_rays
 
-    part = range(ray_count) if part is None else part
-    for begin in range(part.start, part.stop, chunk_rays):
-        end = min(begin + chunk_rays, part.stop)
+    for begin in range(0, ray_count, chunk_rays):
+        end = min(begin + chunk_rays, ray_count)
         is_many = end - begin >= max(LEAST_RAYS, 2)
         # The rows that were found in the rays themselves are coherent; those of a shape are the user's word.
         is_found = row_length is not None and not _row_length_of_shape(batch.shape)
@@ -152,32 +149,24 @@ def cut_rays(
                 progress(last, ray_count)
 
 
-def find_rows(batch: RayBatch) -> int | None:
-    """Return the number of rays in a row of a picture, by its shape or by the rays; None if it is none.
-
-    Of arrays with two or more leading dimensions the last one is a row.
-    """
-    return _row_length_of_shape(batch.shape) or find_row_length(batch)
-
-
-def cut_points(part: range, *, most_points: int = 0, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
+def cut_points(count: int, *, most_points: int = 0, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
     """Yield begin and end of the chunks in which points are cast.
 
     Parameters
     ----------
-    part : range
-        The points to cast.
+    count : int
+        Points to cast.
     most_points : int
         Points of a chunk, at most; `CHUNK_RAYS` without it.
     progress : function, optional
         Called with the number of points that are done, and of all points, after each chunk.
     """
     chunk_points = min(most_points or CHUNK_RAYS, CHUNK_RAYS)
-    for begin in range(part.start, part.stop, chunk_points):
-        end = min(begin + chunk_points, part.stop)
+    for begin in range(0, count, chunk_points):
+        end = min(begin + chunk_points, count)
         yield begin, end
         if progress is not None:
-            progress(end, part.stop)
+            progress(end, count)
 
 
 def _row_length_of_shape(shape: tuple[int, ...]) -> int | None:

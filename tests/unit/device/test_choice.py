@@ -12,8 +12,6 @@ from clbvh.device import driver_files, select
 from clbvh.device.driver_files import may_serve_gpus
 from clbvh.device.select import (
     DeviceSurvey,
-    _keep_distinct,
-    choose_devices,
     number_devices,
     pick_device,
     survey_devices,
@@ -51,17 +49,6 @@ def test_the_host_comes_first_then_a_graphics_card_then_the_one_inside_the_cpu_t
     ordered = number_devices([POCL_3, IRIS, EMULATOR, BOARD, GEFORCE, RADEON, HOST])
     assert names_of(ordered) == names_of(expected)
     assert [device.number for device in ordered] == list(range(7))
-
-
-def test_all_devices_are_the_cards_under_one_driver_each_or_the_accelerators():
-    radeons = replace(RADEON, vendor="Advanced Micro Devices, Inc."), replace(RADEON_OF_MESA, vendor="AMD")
-    for machine, expected in [
-        ([GEFORCE, GEFORCE, POCL_6], [GEFORCE, GEFORCE]),
-        ([POCL_6, *radeons, IRIS, GEFORCE, LLVMPIPE], [GEFORCE, radeons[0], IRIS]),
-        ([HOST, POCL_6, BOARD, EMULATOR, replace(GEFORCE, is_available=False)], [BOARD]),
-        ([HOST, IRIS, BOARD], [IRIS]),
-    ]:
-        assert names_of(_keep_distinct(number_devices(machine))) == names_of(expected)
 
 
 MACHINE = number_devices([RADEON, GEFORCE, IRIS, BOARD, INTEL_CPU, POCL_6, POCL_3])
@@ -170,27 +157,23 @@ def machine(monkeypatch):
 def test_the_host_is_chosen_without_a_look_at_other_devices(machine):
     asked = machine(HOST, POCL_6, has_gpu_driver=False)
     assert {choose_device(word).name for word in (None, *HOST_WORDS)} == {HOST.name}
-    assert choose_devices("all") == [choose_device("host")]
     assert not asked
     assert choose_device("pocl").name == POCL_6.name
 
 
-def test_a_gpu_is_the_default_and_all_devices_are_gpus(machine):
+def test_a_gpu_is_the_default(machine):
     machine(HOST, POCL_6, GEFORCE, UHD)
     assert choose_device().name == GEFORCE.name
     assert {choose_device(word).name for word in HOST_WORDS} == {HOST.name}
-    assert names_of(choose_devices("all")) == [GEFORCE.name, UHD.name]
     # A driver for GPUs without one of them.
     machine(HOST, POCL_6, OCLGRIND, EMULATOR, BROKEN_CARD)
     assert choose_device().name == HOST.name
-    assert names_of(choose_devices("all")) == [HOST.name]
 
 
 def test_a_driver_serves_where_the_host_does_not(machine):
     for has_gpu_driver in (False, True):
         machine(OCLGRIND, POCL_3, has_gpu_driver=has_gpu_driver)
         assert {choose_device(word).name for word in (None, "cpu", 0, "pocl")} == {POCL_3.name}
-        assert names_of(choose_devices("all")) == [POCL_3.name]
         with pytest.raises(DeviceError, match="the compiled kernels are missing"):
             choose_device("host")
     machine()
@@ -199,7 +182,7 @@ def test_a_driver_serves_where_the_host_does_not(machine):
 
 
 def test_after_a_fork_the_host_is_the_default_unless_the_parent_has_had_a_gpu(machine, monkeypatch):
-    for devices, refused in (([HOST, POCL_6, BROKEN_CARD], ["pocl"]), ([HOST, GEFORCE], ["gpu", None, "all"])):
+    for devices, refused in (([HOST, POCL_6, BROKEN_CARD], ["pocl"]), ([HOST, GEFORCE], ["gpu", None])):
         machine(*devices)
         choose_device()
         with monkeypatch.context() as patch:
@@ -207,9 +190,9 @@ def test_after_a_fork_the_host_is_the_default_unless_the_parent_has_had_a_gpu(ma
             assert {choose_device(word).name for word in HOST_WORDS} == {HOST.name}
             for word in refused:
                 with pytest.raises(DeviceError, match="forked"):
-                    choose_devices(word if word == "all" else [word])
+                    choose_device(word)
             if None not in refused:
-                assert names_of([choose_device(), *choose_devices("all")]) == 2 * [HOST.name]
+                assert choose_device().name == HOST.name
 
 
 def test_drivers_for_processors_alone_are_known_by_their_files(tmp_path, monkeypatch):
