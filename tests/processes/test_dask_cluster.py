@@ -70,13 +70,12 @@ def test_workers_with_a_device_each_answer_as_one_tracer(session, ball, tmp_path
     scheduler = {"cls": Scheduler, "options": {"dashboard": False}}
     with Tracer(ball, device="host") as one, SpecCluster(workers, scheduler) as cluster, Client(cluster) as client:
         hits, ref = one.closest_hit(*RAYS), SceneRef(ball)
-        for number, part in enumerate(np.array_split(np.arange(len(RAYS[0])), 4)):
+        # Chosen by the environment of the worker, or by the task.
+        cases = [("host", {}, "host"), ("pocl", {}, "pocl"), ("pocl", {"device": "host"}, "host")]
+        for part, (worker, options, device) in zip(np.array_split(np.arange(len(RAYS[0])), 3), cases, strict=True):
+            answer = client.submit(cast_here, ref, RAYS[:, part], workers=[worker], **options).result(timeout=120)
             expected = [each[part].tobytes() for each in (hits.t, hits.u, hits.v, hits.prim_id)]
-            own, other = list(names)[:: 1 if number % 2 else -1]
-            # By the environment of the worker, and by the task.
-            for options, device in (({}, own), ({"device": other}, other)):
-                answer = client.submit(cast_here, ref, RAYS[:, part], workers=[own], **options).result(timeout=120)
-                assert answer == (names[device], expected)
+            assert answer == (names[device], expected)
         shared = closest_hit(ball, *(da.from_array(each, chunks=(100, 3)) for each in RAYS))
         assert client.compute(shared["t"]).result(timeout=120).tobytes() == hits.t.tobytes()
 
