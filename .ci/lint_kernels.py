@@ -50,7 +50,7 @@ _DOUBLE = re.compile(r"\b(?:convert_)?double\d*\b")
 # The structs enable them for worlds that span scales.
 _ENABLES_DOUBLE = {"#pragma OPENCL EXTENSION cl_khr_fp64 : enable", "#if EXACT", "#if !LONE && EXACT"}
 
-_INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
+_INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*(?:// again\b.*)?$')
 _ANY_INCLUDE = re.compile(r"^\s*#\s*include\b")
 _KEEP = re.compile(r"^\s*// keep: \S")
 _WORD = re.compile(r"\b[A-Za-z_]\w*\b")

@@ -122,6 +122,11 @@ PACKED_RAY = np.dtype([("origin", "f4", 3), ("t_min", "f4"), ("direction", "f4",
 # An origin within this many times half the box's size is not advanced, see cl/rays/pack.cl.
 NEAR_SHARE = 8.0
 
+# A point farther away than this many times half the box's size is moved to that distance, towards the centre. From
+# there on, the closest triangle depends on little but the direction: by half of half the size over this number. A
+# larger one would cost more in float32: sixteen roundings of it are as much.
+FAR_POINT_SHARE = 512.0
+
 # A hit at (1 - u - v) a + u b + v c. On a miss t is infinite and prim_id is NO_PRIM.
 HIT = np.dtype([("t", "f4"), ("u", "f4"), ("v", "f4"), ("prim_id", "i4")])
 
@@ -531,6 +536,7 @@ DEVICE_CONSTANTS = {
     "SETTLING_SAMPLES": SETTLING_SAMPLES,
     "NO_PRIM": NO_PRIM,
     "NEAR_SHARE": NEAR_SHARE,
+    "FAR_POINT_SHARE": FAR_POINT_SHARE,
     "MAX_DEPTH": MAX_DEPTH,
     "MAX_BINS": MAX_BINS,
     "MAX_LEAF_SIZE": MAX_LEAF_SIZE,

@@ -18,9 +18,21 @@ typedef struct {
     const world_hit_t *of_world;
 } found_hits_t;
 
+// The initializer of a found_hits_t from hits of kernels, see hits/search.cl.
+#if LONE
+#define FOUND_HITS(hits) {(hits), 0}
+#else
+#define FOUND_HITS(hits) {0, (hits)}
+#endif
+
 INLINED int prim_of(const found_hits_t *found, const long hit)
 {
     return found->of_lone ? found->of_lone[hit].prim_id : found->of_world[hit].prim_id;
+}
+
+INLINED float t_of(const found_hits_t *found, const long hit)
+{
+    return found->of_lone ? found->of_lone[hit].t : found->of_world[hit].t;
 }
 
 INLINED int instance_of(const found_hits_t *found, const long hit)

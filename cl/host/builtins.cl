@@ -6,6 +6,9 @@
 
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 
+// See math/inlined.cl.
+#define ON_HOST
+
 typedef unsigned char uchar;
 typedef unsigned int uint;
 typedef unsigned long ulong;

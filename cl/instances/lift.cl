@@ -3,11 +3,9 @@
 // docs/internals/offsets.md derives the distance for a triangle that is known. Here it is not, so the distance is that
 // for any triangle and any sphere of the instances around the point.
 
-// keep: before nearest.cl, which includes parts of it in branches
-#include "instances/surface.cl"
-
 #include "instances/containing.cl"
-#include "world/nearest.cl"
+#include "instances/surface.cl"
+#include "points/point.cl"
 
 // Roundings of float32 between a point and the t of a primitive, and on the way into an instance, by that page: 40 and
 // 16, and room for the rounding of the corners, of a sphere's radius and of the normal that the user gives.
@@ -21,7 +19,7 @@
 INLINED float lift_over_instance(
     const global instance_t *instance, const point_pair_t *point, const float3 normal)
 {
-    const float3 way = way_to_instance(instance, point->position, point->position_low);
+    const float3 way = way_to_instance(instance, point);
     const float3 size = magnitude(transform_vector(instance->to_object, -way));
     const float reach = larger(size.x, larger(size.y, size.z));
     if (reach > 1.0f + ERROR_BOUND(64)) {

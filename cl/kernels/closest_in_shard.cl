@@ -4,22 +4,18 @@
 // Shared arguments: see cl/world/world.cl and cl/world/points.cl.
 // hits[point_count]    written: t is the squared distance, prim_id is NO_PRIM where there is no proper triangle
 //
-// Work-items: (point_count), rounded up to whole work-groups. Assumes LONE as 1.
+// Assumes LONE as 1.
 
 #include "world/nearest.cl"
 
 kernel void closest_in_shard(WORLD_ARGUMENTS, POINT_ARGUMENTS, global hit_t *restrict hits)
 {
-    const int index = get_global_id(0);
-    if (index >= point_count) {
-        return;
-    }
+    OPEN_POINT;
 #if LONE
     const world_t world = WORLD(root_of(nodes));
-    const point_pair_t point = unpack_point(points + index);
     nearest_t nearest = make_nearest(make_lone_metric(point.position), LONE_KIND);
     find_nearest(world.nodes, world.blocks, world.block_count, &nearest);
     const hit_t hit = {nearest.distance_squared, 0.0f, 0.0f, nearest.prim_id};
-    hits[index] = hit;
+    hits[point_id] = hit;
 #endif
 }

@@ -4,19 +4,13 @@
 // Shared arguments: see cl/world/world.cl and cl/world/points.cl.
 // metrics[]              see cl/world/nearest.cl
 // prims[point_count]     written: NO_PRIM where no proper primitive is visible
-//
-// Work-items: (point_count), rounded up to whole work-groups.
 
 #include "world/nearest.cl"
 
 kernel void closest_point(WORLD_ARGUMENTS, POINT_ARGUMENTS,
-    const global metric_record_t *restrict metrics, global world_prim_t *restrict prims)
+    const global metric_record_t *restrict metrics, PRIM_ARGUMENTS)
 {
-    const int index = get_global_id(0);
-    if (index >= point_count) {
-        return;
-    }
+    OPEN_POINT;
     const world_t world = WORLD(root_of(nodes));
-    const point_pair_t point = unpack_point(points + index);
-    prims[index] = find_world_nearest(&world, metrics, &point, no_heap()).prim;
+    WRITE_PRIM(find_world_nearest(&world, metrics, &point, no_heap()).prim);
 }

@@ -2,26 +2,17 @@
 //
 // Shared arguments: see cl/world/world.cl and cl/world/points.cl.
 // metrics[]                       see cl/world/nearest.cl
-// slots                           results per point, at least 1
-// is_single                       whether only the nearest one of them is wanted
 // hits[point_count * slots]       written: t is a lower bound on the distance, see near_heap_t, of the first one the
 //                                 largest; NO_PRIM in slots that are left
-//
-// Work-items: (point_count), rounded up to whole work-groups.
 
 #include "world/nearest.cl"
 
 kernel void closest_points(WORLD_ARGUMENTS, POINT_ARGUMENTS,
-    const global metric_record_t *restrict metrics, global kept_hit_t *restrict hits, const int slots,
-    const int is_single)
+    const global metric_record_t *restrict metrics, SLOT_ARGUMENTS)
 {
-    const int index = get_global_id(0);
-    if (index >= point_count) {
-        return;
-    }
+    OPEN_POINT;
     const world_t world = WORLD(root_of(nodes));
-    const point_pair_t point = unpack_point(points + index);
-    const near_heap_t heap = {hits + (size_t)index * slots, slots, 0, is_single, INFINITY};
+    const near_heap_t heap = {hits + (size_t)place * slots, slots, 0, is_single, INFINITY};
     const world_nearest_t nearest = find_world_nearest(&world, metrics, &point, heap);
     for (int slot = nearest.kept.count; slot < slots; slot++) {
         heap.heap[slot] = as_kept(INFINITY, NO_PRIM, NO_PRIM);
@@ -33,4 +24,5 @@ kernel void closest_points(WORLD_ARGUMENTS, POINT_ARGUMENTS,
         }
         heap.heap[0].t = smaller(heap.heap[0].t, nearest.kept.limit);
     }
+    CHOOSE_PRIMS();
 }

@@ -9,6 +9,13 @@
 #define INLINED static inline __attribute__((always_inline))
 #endif
 
+// A function that the host has for floats and for doubles, by one name.
+#if defined(ON_HOST)
+#define OVERLOADED INLINED __attribute__((overloadable))
+#else
+#define OVERLOADED INLINED
+#endif
+
 // Large functions that pictures need in several places: inlined as all others, which takes 11 % less time for `studio`.
 // CALLS as 1: called, which makes half as much code, for variants of the host's library that few pictures need.
 #if CALLS

@@ -6,33 +6,34 @@
 // length of the shares is concave in s, so Newton's steps, which begin where a share alone is 1, never pass the s where
 // that length is 1 (More and Sorensen, "Computing a trust region step", 1983).
 //
-// Kernels use floats. IN_DOUBLES, if defined, doubles: for the host's loops, which include math/doubles.cl before.
+// Devices use floats. What is computed again on the host uses doubles: it defines IN_DOUBLES, and includes this file
+// again.
 
 #include "math/numeric.cl"
 
 // Steps are as many as the numbers can use; five to seven are usual.
 #if defined(IN_DOUBLES)
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
-typedef double span_t;
-typedef double3 span3_t;
+#define span_t double
+#define span3_t double3
 #define SMALLER_SPAN least_of
 #define LARGER_SPAN most_of
 #define ELLIPSOID_STEPS 64
 #else
-typedef float span_t;
-typedef float3 span3_t;
+#define span_t float
+#define span3_t float3
 #define SMALLER_SPAN smaller
 #define LARGER_SPAN larger
 #define ELLIPSOID_STEPS 12
 #endif
 
-INLINED span_t sum_of_squares(const span3_t v)
+OVERLOADED span_t sum_of_squares(const span3_t v)
 {
     return v.x * v.x + v.y * v.y + v.z * v.z;
 }
 
 // A coordinate's share in the half length of its axis; 0 for a coordinate of zero.
-INLINED span3_t shares_at(const span3_t pulls, const span3_t above, const span_t shift)
+OVERLOADED span3_t shares_at(const span3_t pulls, const span3_t above, const span_t shift)
 {
     const span3_t shares = pulls / (shift + above);
     return (span3_t)(pulls.x > 0 ? shares.x : 0, pulls.y > 0 ? shares.y : 0, pulls.z > 0 ? shares.z : 0);
@@ -43,7 +44,7 @@ INLINED span3_t shares_at(const span3_t pulls, const span3_t above, const span_t
 //
 // position            not negative
 // lengths             half lengths of the axes
-INLINED span3_t closest_shares(const span3_t position, const span3_t lengths)
+OVERLOADED span3_t closest_shares(const span3_t position, const span3_t lengths)
 {
     const span_t least = SMALLER_SPAN(lengths.x, SMALLER_SPAN(lengths.y, lengths.z));
     const span3_t ratios = lengths / least;
@@ -82,7 +83,13 @@ INLINED span3_t closest_shares(const span3_t position, const span3_t lengths)
     return shares / sqrt(squared);
 }
 
-INLINED span_t distance_squared_to_ellipsoid(const span3_t position, const span3_t lengths)
+OVERLOADED span_t distance_squared_to_ellipsoid(const span3_t position, const span3_t lengths)
 {
     return sum_of_squares(position - closest_shares(position, lengths) * lengths);
 }
+
+#undef span_t
+#undef span3_t
+#undef SMALLER_SPAN
+#undef LARGER_SPAN
+#undef ELLIPSOID_STEPS

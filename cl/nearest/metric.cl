@@ -131,14 +131,6 @@ INLINED point_t way_to_box(const metric_t *metric, const point_t aabb_min, const
     return way;
 }
 
-// The way from a point to the zero of an instance's local coordinates.
-INLINED float3 way_to_instance(const global instance_t *instance, const float3 position, const float3 position_low)
-{
-    float3 low;
-    const float3 way = add_exactly(load3(instance->centre), -position, &low);
-    return way + (low + (load3(instance->centre_low) - position_low));
-}
-
 // Makes the metric of an instance for a point, given the way from the point to the instance.
 INLINED metric_t
 make_metric(const global instance_t *instance, const global metric_record_t *record, const float3 way)

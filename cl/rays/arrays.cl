@@ -93,12 +93,17 @@ INLINED double3 load_vector(const global char *from, const long step, const int 
         load_number(from, is_double), load_number(from + step, is_double), load_number(from + 2 * step, is_double));
 }
 
+INLINED double3 load_origin(const ray_arrays_t *arrays, const ray_place_t *place)
+{
+    return load_vector(
+        arrays->origins + place->at[ORIGINS_COLUMN], arrays->axes[COLUMNS + ORIGINS_COLUMN], arrays->doubles & 1);
+}
+
 INLINED wide_ray_t load_wide_ray(const ray_arrays_t *arrays, const ray_place_t *place)
 {
     const global long *coordinates = arrays->axes + COLUMNS;
     const wide_ray_t loaded = {
-        load_vector(
-            arrays->origins + place->at[ORIGINS_COLUMN], coordinates[ORIGINS_COLUMN], arrays->doubles & 1),
+        load_origin(arrays, place),
         load_vector(
             arrays->directions + place->at[DIRECTIONS_COLUMN], coordinates[DIRECTIONS_COLUMN], arrays->doubles & 2),
         *(const global double *)(arrays->t_mins + place->at[T_MINS_COLUMN]),

@@ -6,7 +6,6 @@
 // first_surplus[]   where the bits of each instance begin in surplus[], by its id; -1: no bit is set
 
 #include "world/nearest.cl"
-#include "world/points.cl"
 #if !LONE
 #include "instances/containing.cl"
 #endif
@@ -74,7 +73,7 @@ INLINED bool is_in_instance(
     if (!is_visible(point, instance)) {
         return false;
     }
-    const float3 way = way_to_instance(instance, point->position, point->position_low);
+    const float3 way = way_to_instance(instance, point);
     const ray_t ray = make_counting_ray(
         world, point, instance->instance_id, transform_vector(instance->to_object, -way));
     return is_in_shape(

@@ -8,8 +8,9 @@
 //
 // Other arguments that the kernels share: see world/world.cl. Assumes TOP_STACK_SIZE as in instances/traverse.cl.
 
-#include "nearest/nearest.cl"
+// keep: what kernels are given is expanded before the branches of layouts
 #include "world/points.cl"
+#include "nearest/nearest.cl"
 
 // The nearest primitives so far.
 typedef struct {
@@ -26,11 +27,6 @@ INLINED world_nearest_t no_world_nearest(const near_heap_t heap)
 
 #if !LONE
 
-INLINED bool is_visible(const point_pair_t *point, const global instance_t *instance)
-{
-    return (point->mask & instance->mask) != 0;
-}
-
 // Takes the primitives of an instance into account.
 INLINED void visit_instance_near(
     const world_t *world, const global instance_t *instance, const global metric_record_t *metrics,
@@ -39,7 +35,7 @@ INLINED void visit_instance_near(
     if (!is_visible(point, instance)) {
         return;
     }
-    const float3 way = way_to_instance(instance, point->position, point->position_low);
+    const float3 way = way_to_instance(instance, point);
     nearest_t nearest = make_nearest(make_metric(instance, metrics + instance->instance_id, way), instance->kind);
     nearest.instance_id = instance->instance_id;
     nearest.kept = best->kept;

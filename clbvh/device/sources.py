@@ -30,11 +30,12 @@ _SHARED_ARGUMENTS = re.compile(r"^#define (\w+_ARGUMENTS) ((?:.*\\\n)*.*)", re.M
 # An argument that is a number.
 _NUMBER = re.compile(r"(?:const )?(int|uint|float|double) (\w+)")
 
-_INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
+# A file is expanded once, but for one that is included "again", with other macros.
+_INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*(// again\b.*)?$')
 
 
 def expand_source(name: str, folder: Path | None = None) -> str:
-    """Return the text of a kernel file with its includes expanded, each file once.
+    """Return the text of a kernel file with its includes expanded, each file once but for those included "again".
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def _expand(name: str, roots: list[Path], seen: set[str]) -> Iterator[str]:
     yield f'#line 1 "{label}"'
     for number, line in enumerate(text.splitlines(), start=1):
         if match := _INCLUDE.match(line):
-            yield from _expand(match[1], roots, seen)
+            yield from _expand(match[1], roots, seen - {match[1]} if match[2] else seen)
             yield f'#line {number + 1} "{label}"'
         else:
             yield line

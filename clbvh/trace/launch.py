@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from ..device.host.library import HostKernel
 from ..device.radix_sort import sort_pairs
 from ..device.session import DeviceSession
-from ..errors import DeviceMemoryError
+from ..errors import DeviceMemoryError, InternalError
 from ..support.context_manager import ContextManager
 from ..support.forks import make_lock
-from .host_rays import HostRays
+from .host_items import HostItems
 from .running_calls import MemoryLoan, RunningCalls
 from .world.world import World
 
@@ -73,7 +73,7 @@ class Batch(NamedTuple):
         What a kernel is told about the batch, by the names of its arguments.
     arrays : mapping of str to argument
         The same of rays in arrays on the device, see cl/rays/arrays.cl; empty of any other batch.
-    here : HostRays or None
+    here : HostItems or None
         Rays that the host casts where they are, instead of what stands above.
     """
 
@@ -82,7 +82,7 @@ class Batch(NamedTuple):
     work_group: tuple[int, int]
     arguments: Mapping[str, Any]
     arrays: Mapping[str, Any] = MappingProxyType({})
-    here: HostRays | None = None
+    here: HostItems | None = None
 
 
 class Caster(ContextManager):
@@ -180,6 +180,21 @@ class Caster(ContextManager):
         if name not in world.kernels:
             world.kernels[name] = self.kernel(name).with_first(world.arguments)
         return world.kernels[name]
+
+    def run_without_call(self, work: Callable[[], object]) -> None:
+        """Run the work of a query on the host that needs no memory of a call.
+
+        Raises
+        ------
+        QueryError
+            The world is no longer on the device, or another thread has closed it meanwhile: it waits for calls alone.
+        """
+        self.calls.check_open()
+        try:
+            work()
+        except InternalError:  # of a buffer that was given back
+            self.calls.check_open()
+            raise
 
     def close(self) -> None:
         """Give the device's memory back, after the calls of other threads have ended."""
@@ -299,7 +314,7 @@ class Call(MemoryLoan):
         session, own = self.session, {**batch.arguments, query.results: results, **arguments}
         if batch.here is not None:
             kernel = self.caster.kernel_at(self.world, query.kernel)
-            batch.here.cast(session, kernel, [results.array, *[None] * query.more_here], *arguments.values())
+            batch.here.run(session, kernel, [results.array, *[None] * query.more_here], *arguments.values())
         elif session.info.is_host:
             session.run(self.caster.kernel_at(self.world, query.kernel), batch.work_size, batch.work_group, **own)
         else:

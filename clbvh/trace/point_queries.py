@@ -16,8 +16,8 @@ from ..scene.handles import Geometry, Instances
 from .launch import Caster
 from .moves import Moves
 from .points.ambient_occlusion import Hemispheres, check_sampling, find_open_shares
-from .points.nearest import find_closest, find_nearest_points, find_signed
-from .points.queries import SeenPoints, find_contained
+from .points.batch import SeenPoints
+from .points.queries import find_closest, find_contained, find_nearest_points, find_signed
 from .points.refine import ClosestPoints
 from .rays.pieces import Progress
 

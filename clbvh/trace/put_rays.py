@@ -1,6 +1,6 @@
 """A query's rays on their way to the device: a batch is cut into pieces, and each is packed into buffers of the call.
 
-The host casts them where they are, see `host_rays.py`. What follows is for other devices.
+The host casts them where they are, see `host_items.py`. What follows is for other devices.
 
 A world with instances gets what float32 rounds off each ray as well, once for all rays where that is enough. The rays
 of a coherent piece get entry points, see cl/world/starts.cl. Rays in arrays on the device are packed there, in their
@@ -21,7 +21,7 @@ from ..device.info import DeviceInfo
 from ..geometry.arrays import is_device_array, wait_for
 from ..structs import FAR_RADII, NEAR_SHARE, PACKED_RAY, RAY_LOW, STEPS
 from ..support.say_once import say_once
-from .host_rays import HostRays
+from .host_items import HostItems
 from .launch import Batch, Call, Caster, Query
 from .rays.batch import Broadcast, RayBatch, RayRows, read_vectors
 from .rays.pack import explain_bad_ray, find_shared_low, pack_rays
@@ -100,7 +100,7 @@ def _count_steps(call: Call, batch: RayBatch) -> float:
     # A bad ray takes no step here: it is told by its number among all of them when it is cast.
     sample = put_rays(call, batch, RayPiece(0, batch.ray_count))
     assert sample.here is not None
-    with call.cast(COUNT_STEPS, sample._replace(here=sample.here._replace(refuses_bad=False))) as steps:
+    with call.cast(COUNT_STEPS, sample._replace(here=sample.here._replace(explain=None))) as steps:
         return float(steps["node_steps"].mean() + steps["leaf_visits"].mean())
 
 
@@ -123,8 +123,8 @@ def put_rays(call: Call, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool
         As `pack_rays`.
     """
     if call.session.info.is_host:
-        here = HostRays.of_piece(call.session.settings, call.world, batch, piece, in_ray_order=in_ray_order)
-        return Batch(piece.ray_count, here.work_size, (1, 1), {}, here=here)
+        here = HostItems.of_rays(call.session.settings, call.world, batch, piece, in_ray_order=in_ray_order)
+        return Batch(piece.ray_count, here.groups[:2], (1, 1), {}, here=here)
     count, settings = piece.ray_count, call.session.settings
     row_length = piece.row_length or count
     work_size = row_length, -(-count // row_length)

@@ -8,7 +8,6 @@ float64 refines it afterwards. So answers of shards are compared by what the dev
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable
 from contextlib import suppress
@@ -26,7 +25,7 @@ from ..errors import ConfigError, QueryError
 from ..geometry import Mesh
 from ..geometry.shards import Shard, read_shards
 from ..scene.scene import Scene
-from ..structs import HIT, NO_PRIM, PACKED_RAY
+from ..structs import FAR_POINT_SHARE, HIT, NO_PRIM, PACKED_RAY
 from ..support.context_manager import ContextManager
 from ..support.forks import make_lock
 from .hits.all_hits import OFFSET_BITS, OFFSET_MASK, find_crossings, keep_order, refine_rays, running_sums
@@ -35,12 +34,13 @@ from .hits.hits import AllHits, Hits
 from .hits.refine import LEAST_HITS, RefinedHits, refine_closest
 from .hits.surface import Surface
 from .launch import Call, Caster, Query
-from .points.pack import FAR_SHARE, pack_points, take_points
-from .points.queries import POINT_BYTES, Search, SeenPoints, cut_pieces
+from .points.batch import SeenPoints, take_points
+from .points.queries import POINT_BYTES
 from .points.refine import ClosestPoints, FoundPoints, refine_points
+from .points.search import Points, look_up
 from .put_rays import cut_batch, put_rays
 from .ray_queries import check_max_hits
-from .rays.batch import Broadcast, RayBatch, check_room, read_points, read_rays
+from .rays.batch import Broadcast, RayBatch, check_room, read_rays
 from .rays.pack import pack_rays
 from .rays.pieces import CHUNK_RAYS
 from .world.surface_arrays import SurfacePoints, make_surface_arrays
@@ -328,14 +328,14 @@ class ShardedTracer(ContextManager):
         ...     tracer.closest_point([[0, 0, 5], [0, 3, 0]]).distance.round(2)
         array([4., 2.])
         """
-        read = read_points(points)
-        count = math.prod(read.shape)
+        seen = SeenPoints.read(points)
+        count = seen.count
         check_room(count, POINT_BYTES, "points")
         found = FoundPoints.make(count)
         found.distance[:], found.point[:], found.prim_id[:], found.instance_id[:] = np.inf, np.nan, NO_PRIM, NO_PRIM
         squares = np.full(count, np.inf, np.float32)
-        self._visit(read, _compare_points, squares, partial(_find_nearer, squares=squares, found=found))
-        return found.as_closest(read.shape, np.zeros(1, np.int32))
+        self._visit(seen.rows, _compare_points, squares, partial(_find_nearer, squares=squares, found=found))
+        return found.as_closest(seen.shape, np.zeros(1, np.int32))
 
     def _visit(
         self, items: Any, compare: Callable[..., None], limits: NDArray[np.float32], visit: Callable[..., object]
@@ -492,7 +492,7 @@ def _compare_points(
     """Write which boxes may have the closest triangle of points, as `_compare_rays`; limits are squared distances."""
     # As the device sees the points, see `pack_points`.
     local = (take_points(points, begin, end, box) - box.centre) * box.scale
-    far, size = FAR_SHARE * box.half.max(), np.abs(local).max(axis=1, initial=0.0, keepdims=True)
+    far, size = FAR_POINT_SHARE * box.half.max(), np.abs(local).max(axis=1, initial=0.0, keepdims=True)
     local = np.where(size > far, local * (far / np.maximum(size, _LEAST_SIZE)), local)[:, None]
     lower, upper = boxes.transpose(1, 0, 2).astype(np.float64)
     nearest = np.linalg.norm(np.maximum(np.maximum(lower - local, local - upper), 0.0), axis=2)
@@ -570,17 +570,16 @@ def _find_nearer(
     squares: NDArray[np.float32], found: FoundPoints,
 ) -> None:  # fmt: skip
     """Replace the closest points by nearer ones in a shard; `ids` are the indices of the points in the answers."""
-    box, arrays = caster.world.box, caster.world.arrays
+    world, rows = caster.world, take_points(points, 0, len(ids), caster.world.box)
 
-    def cast(call: Call) -> None:
-        metrics = Search.begin(call).metrics
-        for piece in cut_pieces(call, SeenPoints(points, None, None), None):
-            own = ids[piece.begin : piece.end][piece.order]
-            with call.cast(_CLOSEST_IN_SHARD, pack_points(call, piece.points, piece.masks, piece.order)) as prims:
-                nearer = np.flatnonzero(_keep_nearer(prims, own, prim_ids, squares, found.prim_id))
-                kept, slots = FoundPoints.make(len(nearer)), np.arange(len(nearer), dtype=np.int32)
-                refine_points(piece.points, arrays, metrics, box, piece.order[nearer], prims[nearer], kept, slots)
-            targets = own[nearer]
-            found.distance[targets], found.point[targets], found.instance_id[targets] = kept.distance, kept.point, 0
+    def find(part: Points) -> None:
+        own = ids[part.piece.begin : part.piece.end]
+        hits = part.find_hits(_CLOSEST_IN_SHARD)
+        nearer = np.flatnonzero(_keep_nearer(hits, own, prim_ids, squares, found.prim_id)).astype(np.int32)
+        kept, slots = FoundPoints.make(len(nearer)), np.arange(len(nearer), dtype=np.int32)
+        here = rows[part.piece.begin : part.piece.end]
+        refine_points(here, world.arrays, world.metrics.metrics, world.box, nearer, hits[nearer], kept, slots)
+        targets = own[nearer]
+        found.distance[targets], found.point[targets], found.instance_id[targets] = kept.distance, kept.point, 0
 
-    caster.run(cast)
+    look_up(caster, SeenPoints(rows), find)

@@ -56,6 +56,7 @@ class TestQueries:
 
     def test_many_at_once_keep_little_memory(self, own_tracer, monkeypatch):
         monkeypatch.setattr(running_calls, "_KEPT_BYTES", 300_000)
+        monkeypatch.setattr(pieces, "LEAST_RAYS", 1)  # fewer need no memory of a call
         meeting = threading.Barrier(THREADS)
 
         def meet(done, of):

@@ -137,7 +137,8 @@ def test_distances_of_what_an_instance_places(call):
     arrays = make_surface_arrays([Spheres([[0, 0, 0]], 1)], np.zeros(PLACES, int), np.tile(np.eye(4), (PLACES, 1, 1)))
     metrics = make_metrics(arrays._replace(linear=maps, scale=np.ones(1)), 1.0).records
     body = """
-        const float3 way = way_to_instance(instance, position, (float3)(0.0f));
+        const point_pair_t point = {position, (float3)(0.0f), 0};
+        const float3 way = way_to_instance(instance, &point);
         const nearest_t nearest = make_nearest(make_metric(instance, metric, way), KIND_SPHERES);
         const float unit = nearest.metric.unit;
         const point_t least = {low.x, low.y, low.z}, greatest = {high.x, high.y, high.z};
@@ -149,7 +150,7 @@ def test_distances_of_what_an_instance_places(call):
         const point_t centre = {inside.x, inside.y, inside.z};
         to_sphere = sqrt(distance_squared_to_sphere(&nearest, centre, radius)) / unit;
     """
-    found = call("nearest/sphere.cl", body, "float to_box, float slack, float to_corner, float to_sphere",
+    found = call("nearest/sphere.cl points/point.cl", body, "float to_box, float slack, float to_corner, float to_sphere",
                  instance=instances, metric=metrics, position=positions, low=boxes[:, 0], high=boxes[:, 1],
                  inside=inside, radius=radii, defines=DEFINES)  # fmt: skip
     to_box, slack, to_corner, to_sphere = np.float64(found)

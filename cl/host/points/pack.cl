@@ -3,10 +3,11 @@
 // Parameters that the loops share:
 //
 // points[][3]         floats or doubles, by is_double; the file's coordinates
-// centre, scale       the zero of the world's local coordinates, and local units in one unit of the file
+// box[7]              of the world, see cl/rays/pack.cl
 
 #include "structs.cl"
 #include "math/bits.cl"
+#include "points/pack.cl"
 #include "rays/arrays.cl"
 
 // Along each axis of a cube around the box: 8 bits of a key.
@@ -22,24 +23,12 @@ INLINED double3 load_point(const void *points, const long point, const int is_do
     return load_vector((const char *)points + 3 * point * step, step, is_double);
 }
 
-// Stores a position as the sum of two numbers of float32.
-INLINED void store_pair(const double3 position, float high[3], float low[3])
-{
-    for (int axis = 0; axis < 3; axis++) {
-        high[axis] = (float)position[axis];
-        low[axis] = (float)(position[axis] - (double)high[axis]);
-    }
-}
-
 // Returns the number of the first point whose local coordinates are not finite, or -1.
-loop long find_bad(
-    const void *points, const int is_double, const long count, const double centre[3], const double scale)
+loop long find_bad(const void *points, const int is_double, const long count, const double box[7])
 {
+    const tree_box_t tree_box = load_tree_box(box);
     for (long point = 0; point < count; point++) {
-        const double3 local_point = (load_point(points, point, is_double) - vload3(0, centre)) * scale;
-        // Infinity minus infinity is NaN.
-        const double3 nothing = local_point - local_point;
-        if (!(nothing.x == 0.0 && nothing.y == 0.0 && nothing.z == 0.0)) {
+        if (!is_finite_point(localize_point(load_point(points, point, is_double), &tree_box))) {
             return point;
         }
     }
@@ -68,19 +57,18 @@ loop void write_keys(
     }
 }
 
-// Writes points, by their numbers. One farther away than `farthest`, in local coordinates, is moved towards the centre.
+// Writes points, by their numbers.
 //
 // masks               of each point if each_mask is true, or one for all
 loop void pack_points(
-    const void *points, const int is_double, const uint *masks, const bool each_mask, const double centre[3],
-    const double scale, const double farthest, const long count, const int order[count], packed_point_t packed[count])
+    const void *points, const int is_double, const uint *masks, const bool each_mask, const double box[7],
+    const long count, const int order[count], packed_point_t packed[count])
 {
+    const tree_box_t tree_box = load_tree_box(box);
     for (long slot = 0; slot < count; slot++) {
         const long point = order[slot];
-        const double3 local_point = (load_point(points, point, is_double) - vload3(0, centre)) * scale;
-        const double size = largest_size(local_point);
-        const double share = size > farthest ? farthest / size : 1.0;
-        store_pair(local_point * share, packed[slot].position, packed[slot].position_low);
+        const double3 local_point = localize_point(load_point(points, point, is_double), &tree_box);
+        store_vector(come_near(local_point, &tree_box), packed[slot].position, packed[slot].position_low);
         packed[slot].mask = masks[each_mask ? point : 0];
         packed[slot].spare = 0.0f;
     }
@@ -96,17 +84,18 @@ loop void pack_points(
 // pair_rounding               of pairs of float32, absolute
 loop void pack_hemispheres(
     const double *points, const double *normals, const double *max_distances, const uint *masks, const int each_row,
-    const double rounding, const double offset, const long first_number, const double centre[3], const double scale,
+    const double rounding, const double offset, const long first_number, const double box[7],
     const double surface_rounding, const double pair_rounding, const long count, const int order[count],
     hemisphere_t packed[count])
 {
+    const tree_box_t tree_box = load_tree_box(box);
     for (long slot = 0; slot < count; slot++) {
         const long number = order[slot];
         const double3 given = load_point(normals, each_row & 2 ? number : 0, 1);
         const double3 scaled = given / largest_size(given);
         const double3 normal = scaled / sqrt(dot3(scaled, scaled));
         const double3 point = load_point(points, each_row & 1 ? number : 0, 1);
-        const double3 local_point = (point - vload3(0, centre)) * scale;
+        const double3 local_point = localize_point(point, &tree_box);
 
         const double reach = largest_size(local_point);
         const double share = reach > FARTHEST ? FARTHEST / reach : 1.0;
@@ -114,12 +103,12 @@ loop void pack_hemispheres(
         const double breadth = sizes.x + sizes.y + sizes.z;
         const double coarseness = dot3(sizes, fabs(point));
         const double lift = (surface_rounding * (1.0 + least_of(reach, FARTHEST)) + pair_rounding) * breadth
-            + (rounding * coarseness + offset) * scale;
+            + (rounding * coarseness + offset) * tree_box.scale;
 
         hemisphere_t *item = packed + slot;
-        store_pair(local_point * share + lift * normal, item->position, item->position_low);
+        store_vector(local_point * share + lift * normal, item->position, item->position_low);
         vstore3(__builtin_convertvector(normal, float3), 0, item->normal);
-        item->t_max = (float)(max_distances[each_row & 4 ? number : 0] * scale);
+        item->t_max = (float)(max_distances[each_row & 4 ? number : 0] * tree_box.scale);
         item->mask = masks[each_row & 8 ? number : 0];
         item->number = (uint)(first_number + number);
     }

@@ -11,12 +11,6 @@
 #include "hits/refined.cl"
 #include "world/rays.cl"
 
-#if LONE
-#define FOUND_HITS(found) {(found), 0}
-#else
-#define FOUND_HITS(found) {0, (found)}
-#endif
-
 // Refines the hits of a tile's rays, and writes them.
 INLINED void refine_tile(
     const surfaces_t *surfaces, const ray_arrays_t *arrays, const batch_t *batch, const found_hits_t *found,

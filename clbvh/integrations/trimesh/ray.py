@@ -17,8 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from ...device.info import DeviceInfo
 from ...errors import MeshError, QueryError, SceneError
 from ...trace.hits.hits import AllHits
-from ...trace.points.queries import GENERIC_DIRECTIONS
 from .tracers import find_tracer, read_mesh, read_options
+
+# Directions along which crossings are counted, in this order of preference. Any will do: a direction that no mesh is
+# modelled along meets few edges exactly, where the traversal has the most to do.
+_GENERIC_DIRECTIONS = np.array([[0.374, 0.621, 0.689], [-0.571, 0.277, 0.773]])
 
 # Points whose rays are cast at a time; the crossings of a scene's are on the host.
 _POINTS_AT_ONCE = 2**18
@@ -199,7 +202,7 @@ class RayEngine:
         candidates = np.flatnonzero(is_candidate.all(axis=1))
         for begin in range(0, len(candidates), _POINTS_AT_ONCE):
             undecided, pending = candidates[begin : begin + _POINTS_AT_ONCE], None
-            for direction in GENERIC_DIRECTIONS:
+            for direction in _GENERIC_DIRECTIONS:
                 pairs, ahead, behind = self._count_hits(points, undecided, direction)
                 if pending is not None:
                     is_pending = np.isin(pairs, pending, assume_unique=True)

@@ -8,7 +8,9 @@ device.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +22,7 @@ from ..put_rays import cut_batch, put_rays
 from ..rays.batch import RayBatch, check_room
 from ..rays.pieces import Progress, RayPiece
 from ..world.surface_arrays import SurfaceArrays
+from .closest import are_few, cast_on_host
 from .hits import AllHits
 from .refine import LEAST_HITS, RefinedHits
 from .surface import Surface
@@ -71,7 +74,8 @@ class Crossings(NamedTuple):
 class _Search:
     """A search for crossings: the request, and the results so far; see `Crossings`."""
 
-    call: Call
+    caster: Caster
+    call: Call | None  # None of few rays on the host
     max_hits: int | None
     progress: Progress | None
     counts: NDArray[np.int32]
@@ -86,11 +90,11 @@ def find_crossings(caster: Caster, batch: RayBatch, max_hits: int | None, progre
     counts, sources = np.zeros(count, np.int32), np.zeros(count, np.int64)
     segments: list[NDArray[np.int64]] = []
 
-    def cast(call: Call) -> None:
+    def cast(call: Call | None) -> None:
         nonlocal segments
-        search = _Search(call, max_hits, progress, counts, sources)
+        search = _Search(caster if call is None else call.caster, call, max_hits, progress, counts, sources)
         # One slot more than a ray can have crossings is never taken.
-        most_slots = call.world.most_hits + 1
+        most_slots = search.caster.world.most_hits + 1
         slots = min(FIRST_SLOTS, most_slots)
         crowded = _search_round(search, batch, None, slots)
         # Only the first round has the shape of a picture, and the user's progress.
@@ -100,7 +104,10 @@ def find_crossings(caster: Caster, batch: RayBatch, max_hits: int | None, progre
             crowded = _search_round(search, batch.take(crowded), crowded, slots)
         segments = search.segments
 
-    caster.run(cast)
+    if are_few(caster, batch):
+        caster.run_without_call(partial(cast, None))
+    else:
+        caster.run(cast)
     segment_begins = running_sums(np.array([len(segment) for segment in segments], np.int64))
     found = np.empty((segment_begins[-1], caster.world.hit_dtype.itemsize // 8), np.int64)
 
@@ -116,23 +123,38 @@ def _search_round(search: _Search, batch: RayBatch, ray_ids: NDArray[np.int64] |
 
     `ray_ids` are the indices of the rays among the user's; None where they are the user's.
     """
-    call, wanted = search.call, slots if search.max_hits is None else min(slots, search.max_hits)
-    most_rays = max(1, call.fit(call.world.hit_dtype, MOST_SLOTS) // wanted)
+    wanted, dtype = slots if search.max_hits is None else min(slots, search.max_hits), search.caster.world.hit_dtype
     crowded = [np.empty(0, np.int64)]
+    for piece, kept in _cast_first(search, batch, wanted):
+        crowded += _compact_piece(search, piece, ray_ids, kept.view(np.int64).reshape(-1, wanted, dtype.itemsize // 8))
+    return np.concatenate(crowded)
+
+
+def _cast_first(search: _Search, batch: RayBatch, slots: int) -> Iterator[tuple[RayPiece, NDArray[np.void]]]:
+    """Yield the pieces of a batch with the first hits of each ray, which are valid until the next one."""
+    caster, call, count = search.caster, search.call, batch.ray_count
+    if call is None:
+        most_rays = max(1, MOST_SLOTS // slots)
+        for first in range(0, count, most_rays):
+            piece = RayPiece(first, min(first + most_rays, count))
+            kept = np.empty(piece.ray_count * slots, caster.world.hit_dtype)
+            cast_on_host(caster, FIRST_HITS, batch, piece, [kept], slots)
+            yield piece, kept
+            if search.progress is not None:
+                search.progress(piece.end, count)
+        return
+    most_rays = max(1, call.fit(call.world.hit_dtype, MOST_SLOTS) // slots)
     for piece in cut_batch(call, batch, most_rays=most_rays, progress=search.progress):
         packed = put_rays(call, batch, piece, in_ray_order=False)
-        with call.cast(FIRST_HITS, packed, results_per_item=wanted, slots=np.int32(wanted)) as kept:
-            crowded += _compact_piece(
-                search, piece, ray_ids, kept.view(np.int64).reshape(-1, wanted, kept.dtype.itemsize // 8)
-            )
-    return np.concatenate(crowded)
+        with call.cast(FIRST_HITS, packed, results_per_item=slots, slots=np.int32(slots)) as kept:
+            yield piece, kept
 
 
 def _compact_piece(
     search: _Search, piece: RayPiece, ray_ids: NDArray[np.int64] | None, kept: NDArray[np.int64]
 ) -> list[NDArray[np.int64]]:
     """Add the hits of a piece to the search, without gaps; return the indices of its crowded rays, in parts."""
-    slots, words, threads = kept.shape[1], kept.shape[2], search.call.threads
+    slots, words, threads = kept.shape[1], kept.shape[2], search.caster.threads
     users = (
         piece.begin + piece.ray_ids().astype(np.int64) if ray_ids is None else ray_ids[piece.begin + piece.ray_ids()]
     )

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import InternalError
 from ...structs import STEPS
-from ..host_rays import HostRays
+from ..host_items import HostItems
 from ..launch import Call, Caster, Query
 from ..put_rays import COUNT_STEPS, cut_batch, put_rays
 from ..rays import pieces
@@ -39,13 +38,13 @@ def find_closest_hits(caster: Caster, batch: RayBatch, progress: Progress | None
     world = caster.world
     check_room(batch.ray_count, HIT_BYTES)
     refined = RefinedHits.make(batch.shape, is_lone=world.is_lone)
-    flat = refined if _are_few(caster, batch) else refined.reshape(-1)
+    flat = refined if are_few(caster, batch) else refined.reshape(-1)
 
-    def cast_on_host(device: Caster, piece: RayPiece) -> None:
+    def cast_here(device: Caster, piece: RayPiece) -> None:
         # Held until the kernel returns: their addresses are no reference, and another thread may have made others.
         surfaces = device.world.arrays
         *written, instance_id = flat.part(piece.begin, piece.end)
-        _cast_here(
+        cast_on_host(
             device, CLOSEST_HIT, batch, piece,
             (None, surfaces.addresses, *written, None if world.is_lone else instance_id),
         )  # fmt: skip
@@ -56,25 +55,25 @@ def find_closest_hits(caster: Caster, batch: RayBatch, progress: Progress | None
             call.threads.for_ranges(len(found), refine, least_items=LEAST_HITS)
 
     # The hits of sorted rays are refined in the order of the rays: they would be written all over memory.
-    _cast_batch(caster, batch, cast_on_host, cast_on_device, progress, casts_sorted=False)
+    _cast_batch(caster, batch, cast_here, cast_on_device, progress, casts_sorted=False)
     return refined.as_hits(Surface.of_world(world))
 
 
-def _are_few(caster: Caster, batch: RayBatch) -> bool:
+def are_few(caster: Caster, batch: RayBatch) -> bool:
     """Return whether rays are cast as they are, neither cut nor sorted, and on the host."""
     return batch.ray_count < pieces.LEAST_RAYS and caster.session.info.is_host
 
 
-def _cast_here(
+def cast_on_host(
     device: Caster, query: Query, batch: RayBatch, piece: RayPiece, arrays: Iterable[NDArray[Any] | None], *numbers: int
 ) -> None:
-    """Cast a piece on the host; see `HostRays.cast`."""
-    rays = HostRays.of_piece(device.session.settings, device.world, batch, piece)
-    rays.cast(device.session, device.kernel_at(device.world, query.kernel), arrays, *numbers)
+    """Cast a piece on the host; see `HostItems.run`."""
+    rays = HostItems.of_rays(device.session.settings, device.world, batch, piece)
+    rays.run(device.session, device.kernel_at(device.world, query.kernel), arrays, *numbers)
 
 
 def _cast_batch(
-    caster: Caster, batch: RayBatch, cast_on_host: Callable[[Caster, RayPiece], None],
+    caster: Caster, batch: RayBatch, cast_here: Callable[[Caster, RayPiece], None],
     cast_on_device: Callable[[Call, RayPiece], None], progress: Progress | None, *, casts_sorted: bool = True,
 ) -> None:  # fmt: skip
     """Cast a batch piece by piece; of few rays on the host in one piece, without a call.
@@ -85,24 +84,20 @@ def _cast_batch(
     def cast(call: Call) -> None:
         for piece in cut_batch(call, batch, progress=progress):
             if call.session.info.is_host and (casts_sorted or piece.order is None):
-                cast_on_host(call.caster, piece)
+                cast_here(call.caster, piece)
             else:
                 cast_on_device(call, piece)
 
     count = batch.ray_count
-    if not _are_few(caster, batch):
+    if not are_few(caster, batch):
         caster.run(cast)
         return
-    # The end of the tracer waits for calls alone.
-    caster.calls.check_open()
-    if count:
-        try:
-            cast_on_host(caster, RayPiece(0, count))
-        except InternalError:  # of a buffer that was given back meanwhile
-            caster.calls.check_open()
-            raise
-        if progress is not None:
-            progress(count, count)
+    if count == 0:
+        caster.calls.check_open()
+        return
+    caster.run_without_call(partial(cast_here, caster, RayPiece(0, count)))
+    if progress is not None:
+        progress(count, count)
 
 
 def _refine_range(
@@ -151,16 +146,16 @@ def _answer(
     check_room(count, np.dtype(dtype).itemsize)
     answers = np.empty(count, dtype)
 
-    def cast_on_host(device: Caster, piece: RayPiece) -> None:
+    def cast_here(device: Caster, piece: RayPiece) -> None:
         own = answers[piece.begin : piece.end]
         # Of closest hits, what `closest_hit` writes but for the primitives is left out.
         arrays = [*[None] * 6, own, None] if query is CLOSEST_HIT else [own]
-        _cast_here(device, query, batch, piece, arrays, *numbers.values())
+        cast_on_host(device, query, batch, piece, arrays, *numbers.values())
 
     def cast_on_device(call: Call, piece: RayPiece) -> None:
         with call.cast(query, put_rays(call, batch, piece), **numbers) as found:
             own = found["prim_id"] if query.dtype is None else found
             answers[piece.begin : piece.begin + len(found)] = own
 
-    _cast_batch(caster, batch, cast_on_host, cast_on_device, progress)
+    _cast_batch(caster, batch, cast_here, cast_on_device, progress)
     return answers.reshape(batch.shape)

@@ -17,11 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import ConfigError, QueryError
 from ...structs import HEMISPHERE
 from ..launch import Batch, Call, Caster, Query
-from ..rays.batch import Broadcast, broadcast_shape, check_room, read_lengths, read_masks, read_vectors
+from ..rays.batch import ALL_VISIBLE, Broadcast, broadcast_shape, check_room, read_lengths, read_masks, read_vectors
 from ..rays.pieces import Progress
 from ..world.surface_arrays import DOUBLE_ROUNDING, FLOAT_ROUNDING
 from ..world.tree_box import TreeBox
-from .pack import LOOPS, cut_points_of, find_point_order, put_points, take_masks, take_points
+from .batch import take_points
+from .pack import LOOPS, cut_points_of, find_point_order, put_points
 
 AMBIENT_OCCLUSION = Query("ambient_occlusion", "open_counts", np.dtype(np.int32))
 
@@ -113,8 +114,8 @@ class Hemispheres(NamedTuple):
         Normals have any length; those that are zero or have a NaN are no directions.
     max_distance : Broadcast of float64, the file's units
         Length of the rays.
-    masks : Broadcast of uint32, or None
-        The instances of a scene that are visible; None: all.
+    masks : Broadcast of uint32
+        The instances of a scene that are visible.
     offset : float, the file's units
         By which points are lifted off the surface beside the bound on rounding.
     """
@@ -122,7 +123,7 @@ class Hemispheres(NamedTuple):
     points: Broadcast
     normals: Broadcast
     max_distance: Broadcast
-    masks: Broadcast | None
+    masks: Broadcast
     offset: float
 
     @classmethod
@@ -151,7 +152,7 @@ class Hemispheres(NamedTuple):
             Broadcast.to_shape(vectors[0], 1, shape),
             Broadcast.to_shape(vectors[1], 1, shape),
             read_lengths(max_distance, "max_distance", shape),
-            None if mask is None else read_masks(mask, shape, "points"),
+            Broadcast.to_shape(ALL_VISIBLE if mask is None else read_masks(mask, shape, "points"), 0, shape),
             float(offset),
         )
 
@@ -171,7 +172,7 @@ class Hemispheres(NamedTuple):
             A point is not finite or too far away, or a normal is infinite; the message names the first.
         """
         points = take_points(self.points, begin, end, box).astype(_FLOAT64, copy=False)
-        normals, masks = self.normals.part(begin, end, _FLOAT64), take_masks(self.masks, begin, end)
+        normals, masks = self.normals.part(begin, end, _FLOAT64), self.masks.part(begin, end, self.masks.items.dtype)
         longest = np.abs(normals).max(axis=1)
         if (is_bad := np.isinf(longest)).any():
             bad = int(is_bad.argmax())
@@ -224,7 +225,6 @@ def pack_hemispheres(call: Call, rows: HemisphereRows, order: NDArray[np.int32],
         The number of the point with index 0; samples depend on a point's number, and not on the order.
     """
     world = call.world
-    centre, scale = world.box.centre, world.box.scale
     # Over the surface of a lone shape, which the device has in float32, they are lifted here, over others there.
     surface_rounding = _SURFACE_ROUNDINGS * world.arrays.rounding if world.is_lone else 0.0
     pair_rounding = 0.0 if world.is_lone else _PAIR_ROUNDING * float(world.box.half.max())
@@ -233,7 +233,7 @@ def pack_hemispheres(call: Call, rows: HemisphereRows, order: NDArray[np.int32],
 
     def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
         LOOPS.pack_hemispheres(
-            *arrays, each_row, rows.rounding, rows.offset, first_number, centre, scale, surface_rounding,
+            *arrays, each_row, rows.rounding, rows.offset, first_number, world.box_numbers, surface_rounding,
             pair_rounding, order[first:last], packed,
         )  # fmt: skip
 

@@ -9,50 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...device.host.loops import Loops
-from ...errors import QueryError
 from ...structs import PACKED_POINT
 from ..launch import Batch, Call
-from ..rays.batch import Broadcast, too_far
 from ..rays.coherence import KeyOrder
 from ..rays.pieces import CHUNK_RAYS, Progress, cut_points
 from ..world.tree_box import TreeBox
 
-# A point farther away than this many times half the box's size is moved to that distance, towards the centre. From
-# there on, the closest triangle depends on little but the direction: by half of half the size over this number. A
-# larger one would cost more in float32: sixteen roundings of it are as much.
-FAR_SHARE = 512.0
-
 LOOPS = Loops("points/pack")
-
-
-def take_points(points: Broadcast, begin: int, end: int, box: TreeBox) -> NDArray[Any]:
-    """Return points `begin` to `end`, counted in C order, as loops take them: (n, 3), contiguous.
-
-    Raises
-    ------
-    QueryError
-        A point is not finite, or its local coordinates are not; the message names the first bad one.
-    """
-    part = points.part(begin, end, points.items.dtype)
-    if len(part) < end - begin:  # all points are one
-        part = np.broadcast_to(part, (end - begin, 3)).copy()
-    if (bad := LOOPS.find_bad(part, _is_double(part), len(part), box.centre, box.scale)) >= 0:
-        subject, point = points.subject("points", begin + bad), part[bad]
-        if not np.isfinite(point).all():
-            raise QueryError(f"{subject} is not finite: {point}")
-        raise too_far(subject, point)
-    return part
-
-
-def _is_double(vectors: NDArray[Any]) -> bool:
-    return vectors.dtype == np.float64
-
-
-_MASK_TYPE = np.dtype(np.uint32)
-
-# The mask of points to which every instance is visible that has a bit of its own.
-_ALL_VISIBLE = np.array([0xFFFF_FFFF], _MASK_TYPE)
-_ALL_VISIBLE.flags.writeable = False
 
 
 def cut_points_of(
@@ -82,22 +45,12 @@ def pack_points(call: Call, points: NDArray[Any], masks: NDArray[np.uint32], ord
     order : (m,) int32
         Points to put there, by their indices; at least one.
     """
-    box = call.world.box
-    centre, scale, far = box.centre, box.scale, FAR_SHARE * box.half.max()
 
     def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
-        given = points, _is_double(points), masks, len(masks) > 1
-        LOOPS.pack_points(*given, centre, scale, far, order[first:last], packed)
+        given = points, points.itemsize == 8, masks, len(masks) > 1
+        LOOPS.pack_points(*given, call.world.box_numbers, order[first:last], packed)
 
     return put_points(call, PACKED_POINT, len(order), pack)
-
-
-def take_masks(masks: Broadcast | None, begin: int, end: int) -> NDArray[np.uint32]:
-    """Return the masks of points `begin` to `end`, counted in C order: one for each, or (1,) for all.
-
-    Without masks, every instance is visible.
-    """
-    return _ALL_VISIBLE if masks is None else masks.part(begin, end, _MASK_TYPE)
 
 
 # Fewer points stay in their order. Whole calls with 1,024, 4,096 and 16,384 points, sorted against unsorted, 2 cores of
@@ -125,7 +78,7 @@ def find_point_order(points: NDArray[Any], box: TreeBox, order_by_keys: KeyOrder
     half = _CUBE_SHARE * (float(box.half.max()) or 1.0) / box.scale
 
     def make_keys(begin: int, end: int, keys: NDArray[np.int32]) -> None:
-        own = points[begin:end], _is_double(points)
+        own = points[begin:end], points.itemsize == 8
         LOOPS.write_keys(*own, box.centre, half, _CELLS / (2 * half), keys)
 
     return order_by_keys(len(points), make_keys)

@@ -89,10 +89,6 @@ class ClosestPoints(_Points):
         )
 
 
-# A point farther from a lone mesh than this many times half the box's size is moved to that distance, see
-# cl/host/points/refine.cl.
-_FAR_SHARE = 2.0**20
-
 _LOOPS = Loops("points/refine")
 
 
@@ -162,8 +158,38 @@ def refine_points(
     """
     prim_ids = prims["prim_id"].copy()
     instance_ids = np.minimum(prim_ids, 0) if prims.dtype == HIT else prims["instance_id"].copy()
-    farthest = _FAR_SHARE * box.half.max() / box.scale
     _LOOPS.refine_points(
-        points, points.dtype == np.float64, order, arrays.addresses, metrics.axes, metrics.half_lengths, box.centre,
-        farthest, prim_ids, instance_ids, slots, *found,
+        points, points.itemsize == 8, order, *_world_of(arrays, metrics, box), prim_ids, instance_ids, slots, *found
+    )
+
+
+def choose_points(
+    points: NDArray[Any], arrays: SurfaceArrays, metrics: Metrics, box: TreeBox, hits: NDArray[Any],
+    order: NDArray[np.int32], slot_count: int, count: int, found: FoundPoints,
+) -> NDArray[np.int32]:  # fmt: skip
+    """Write the nearest of the primitives that the device has found, and return the points with too few slots.
+
+    Parameters
+    ----------
+    points, arrays, metrics, box
+        As in `refine_points`.
+    hits : (m * slot_count,) `structs.HIT` or `structs.WORLD_HIT`
+        See cl/kernels/closest_points.cl.
+    order : (m,) int32
+        The points that they are of, by their indices.
+    slot_count, count : int
+        Primitives found, and wanted, of each point.
+    found : FoundPoints, written
+        Of (n * count,) primitives, nearest first, in the order of instances and primitives where they are equally near.
+    """
+    of_kind = (np.ascontiguousarray(hits), None)
+    candidates, crowded = np.empty(2 * slot_count), np.empty(len(order), np.int32)
+    crowded_count = _LOOPS.choose_points(
+        points, points.itemsize == 8, order, *_world_of(arrays, metrics, box),
+        *(of_kind if arrays.is_lone else of_kind[::-1]), slot_count, count, candidates, crowded, *found,
     )  # fmt: skip
+    return crowded[:crowded_count]
+
+
+def _world_of(arrays: SurfaceArrays, metrics: Metrics, box: TreeBox) -> tuple[Any, ...]:
+    return arrays.addresses, metrics.axes, metrics.half_lengths, box.as_numbers()

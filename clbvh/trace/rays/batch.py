@@ -133,6 +133,12 @@ def _make_axes(shape: tuple[int, ...], *facts: tuple[int, ...]) -> NDArray[np.in
     return axes
 
 
+def find_point_axes(points: NDArray[Any], masks: NDArray[np.uint32]) -> NDArray[np.int64]:
+    """Return the same of points with their masks, which have the place of origins."""
+    none = (3,), (0,), (), (), (), ()  # of directions and limits
+    return _make_axes(points.shape[:-1], points.shape, points.strides, *none, masks.shape, masks.strides)
+
+
 def _find_steps(own: tuple[int, ...], strides: tuple[int, ...], shape: tuple[int, ...]) -> tuple[int, ...]:
     """Return the bytes from one item to the next along each axis of the shape that an array is broadcast to."""
     steps = (0 if length == 1 else stride for length, stride in zip(own, strides, strict=True))
@@ -166,7 +172,7 @@ def _make_batch(origins: Any, directions: Any, t_min: ArrayLike, t_max: ArrayLik
     if shape != directions.shape[:-1]:
         shape = _ray_shape(origins, directions)
     limits = _read_limits(t_min, "t_min", shape, 0.0), _read_limits(t_max, "t_max", shape)
-    masks = ALL_VISIBLE if mask is None else _read_masks(mask, shape)
+    masks = ALL_VISIBLE if mask is None else read_masks(mask, shape, "rays")
     return RayBatch(RayArrays(origins, directions, *limits, masks), shape)
 
 
@@ -240,12 +246,6 @@ def _read_any_vectors(values: ArrayLike, name: str) -> NDArray[Any]:
     return vectors if vectors.flags.aligned else vectors.copy()
 
 
-def read_points(points: ArrayLike) -> Broadcast:
-    """Return points of any leading shape, without a copy where possible."""
-    vectors = read_vectors(points, "points")
-    return Broadcast.to_shape(vectors, 1, vectors.shape[:-1])
-
-
 def _read_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
     """Return an array of real numbers, of any dtype for them."""
     try:
@@ -292,13 +292,8 @@ def _as_limit(value: float) -> NDArray[np.float64]:
     return limit
 
 
-def read_masks(values: ArrayLike, shape: tuple[int, ...], subject: str = "points") -> Broadcast:
-    """Return the masks of points of this leading shape."""
-    return Broadcast.to_shape(_read_masks(values, shape, subject), 0, shape)
-
-
-def _read_masks(values: ArrayLike, shape: tuple[int, ...], subject: str = "rays") -> NDArray[np.uint32]:
-    """Return the masks of rays or points of this leading shape."""
+def read_masks(values: ArrayLike, shape: tuple[int, ...], subject: str) -> NDArray[np.uint32]:
+    """Return the masks of rays or points, as messages call them, of this leading shape."""
     masks = _read_numbers(values, "mask")
     if masks.dtype.kind not in "iu":
         raise QueryError(f"mask must be integers, not {masks.dtype}")

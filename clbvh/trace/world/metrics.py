@@ -7,6 +7,7 @@ ellipsoid, whose axes are those of the singular value decomposition. See cl/near
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,17 +48,23 @@ class LazyMetrics:
 
     def __init__(self, find_arrays: Callable[[], SurfaceArrays], scale: float) -> None:
         self._find_arrays, self._scale = find_arrays, scale
-        self._made: tuple[Metrics, Any] | None = None
+        self._buffer: Any = None
 
-    def on(self, owner: DeviceSession, session: DeviceSession) -> tuple[Metrics, Any]:
-        """Return the metrics and their buffer, which the owner has; two threads may make the same at once."""
-        made = self._made
-        if made is None:
-            metrics = make_metrics(self._find_arrays(), self._scale)
-            made = metrics, owner.allocate(metrics.records.nbytes, writable=False)
-            session.write(made[1], metrics.records)
-            self._made = made
-        return made
+    # Two threads may make the same at once.
+    @cached_property
+    def metrics(self) -> Metrics:
+        """The metrics."""
+        return make_metrics(self._find_arrays(), self._scale)
+
+    def put(self, owner: DeviceSession, session: DeviceSession) -> Any:
+        """Return the buffer of the records, which the owner has."""
+        buffer = self._buffer
+        if buffer is None:
+            records = self.metrics.records
+            buffer = owner.allocate(records.nbytes, writable=False)
+            session.write(buffer, records)
+            self._buffer = buffer
+        return buffer
 
 
 def make_metrics(arrays: SurfaceArrays, scale: float) -> Metrics:

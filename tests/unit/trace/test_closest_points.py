@@ -8,7 +8,7 @@ from clbvh import ClosestPoints, ConfigError, Mesh, QueryError, Scene, Spheres, 
 from clbvh.geometry.smooth_normals import find_vertex_faces
 from clbvh.integrations.trimesh.nearest import choose_facing, find_nearest_vertices
 from clbvh.structs import LAYOUT_WIDTHS
-from clbvh.trace.points import nearest
+from clbvh.trace.points import queries
 
 from ...rays import centred
 from ...soup import make_soup
@@ -48,8 +48,8 @@ def as_bytes(closest):
 def test_they_are_right_in_any_layout_and_in_any_rounds(open_tracer, scene, known, monkeypatch):
     answers = [open_tracer(scene, layout=layout).closest_points(known.points, K) for layout in LAYOUT_WIDTHS]
     known.check_points(answers[0], K)
-    monkeypatch.setattr(nearest, "_MOST_SLOTS", 100)
-    monkeypatch.setattr(nearest, "_SPARE_SLOTS", 1)
+    monkeypatch.setattr(queries, "_MOST_SLOTS", 100)
+    monkeypatch.setattr(queries, "_SPARE_SLOTS", 1)
     told = []
     tracer = open_tracer(scene)
     answers.append(tracer.closest_points(known.points, K, progress=lambda done, total: told.append((done, total))))

@@ -9,7 +9,7 @@ from clbvh import Mesh, Tracer, make_shape
 from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.structs import ENTRY_POINT_LAYOUTS, TILE
 from clbvh.trace import put_rays
-from clbvh.trace.host_rays import HostRays
+from clbvh.trace.host_items import HostItems
 from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.rays.coherence import find_row_length
@@ -60,14 +60,14 @@ def tiles(session, monkeypatch):
 
     The host's kernel has them to itself: there is nothing in its launches.
     """
-    found, find, cast = [], put_rays.find_entry_points, HostRays.cast
+    found, find, cast = [], put_rays.find_entry_points, HostItems.run
 
     def record_on_host(rays, *arguments):
         *_, finds_start, _ = rays.numbers
         found.extend([np.empty(0, TILE)] * finds_start)
         cast(rays, *arguments)
 
-    monkeypatch.setattr(HostRays, "cast", record_on_host)
+    monkeypatch.setattr(HostItems, "run", record_on_host)
 
     def record(session, world, kernel, take, work_size, tile, **arguments):
         starts = find(session, world, kernel, take, work_size, tile, **arguments)

@@ -1,0 +1,28 @@
+// A point as devices look it up: in the world's local coordinates, as a pair of float32, and its mask.
+
+#include "structs.cl"
+#include "math/pairs.cl"
+
+typedef struct {
+    float3 position;
+    float3 position_low;
+    uint mask;
+} point_pair_t;
+
+#if LONE
+// The primitives of a lone shape.
+#define LONE_KIND (HAS_SPHERES ? KIND_SPHERES : KIND_TRIANGLES)
+#else
+INLINED bool is_visible(const point_pair_t *point, const global instance_t *instance)
+{
+    return (point->mask & instance->mask) != 0;
+}
+
+// The way from a point to the zero of an instance's local coordinates.
+INLINED float3 way_to_instance(const global instance_t *instance, const point_pair_t *point)
+{
+    float3 low;
+    const float3 way = add_exactly(load3(instance->centre), -point->position, &low);
+    return way + (low + (load3(instance->centre_low) - point->position_low));
+}
+#endif

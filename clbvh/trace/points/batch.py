@@ -1,0 +1,126 @@
+"""Reads points as the user gives them, and what is visible to them.
+
+Shapes are checked here, values when they are looked up.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...device.host.loops import Loops
+from ...errors import QueryError
+from ..rays.batch import ALL_VISIBLE, Broadcast, find_point_axes, read_masks, read_vectors, too_far
+from ..world.tree_box import TreeBox
+
+_LOOPS = Loops("points/pack")
+
+_NOTHING_VISIBLE = np.zeros((), np.uint32)
+
+
+class SeenPoints:
+    """Points, and the instances that are visible to them.
+
+    Parameters
+    ----------
+    points : (..., 3) float32 or float64, the file's coordinates
+        With any strides.
+    masks : (...,) uint32
+        Broadcast to the points: an instance is visible to a point if their masks share a bit.
+    instance_ids : (n,) int, or None
+        The only instances that are visible at all; None: all of them.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Leading shape of the points.
+    count : int
+    """
+
+    def __init__(
+        self, points: NDArray[Any], masks: NDArray[np.uint32] = ALL_VISIBLE,
+        instance_ids: NDArray[np.integer] | None = None,
+    ) -> None:  # fmt: skip
+        self.points, self.masks, self.instance_ids = points, masks, instance_ids
+        self.shape = points.shape[:-1]
+        self.count = math.prod(self.shape)
+
+    @classmethod
+    def read(
+        cls, points: ArrayLike, mask: ArrayLike | None = None, instance_ids: NDArray[np.integer] | None = None
+    ) -> SeenPoints:
+        """Return points with their masks, as the user gives them, without a copy where possible.
+
+        Raises
+        ------
+        QueryError
+            Wrong shapes, or masks that are no numbers of 32 bits.
+        """
+        vectors = read_vectors(points, "points")
+        masks = ALL_VISIBLE if mask is None else read_masks(mask, vectors.shape[:-1], "points")
+        return cls(vectors, masks, instance_ids)
+
+    def without_any(self) -> SeenPoints:
+        """Return the points where they see nothing."""
+        return SeenPoints(self.points, _NOTHING_VISIBLE)
+
+    @cached_property
+    def rows(self) -> Broadcast:
+        """The points in C order, part by part."""
+        return Broadcast.to_shape(self.points, 1, self.shape)
+
+    @cached_property
+    def mask_rows(self) -> Broadcast:
+        """The masks in C order, part by part."""
+        return Broadcast.to_shape(self.masks, 0, self.shape)
+
+    def axes(self) -> NDArray[np.int64]:
+        """Return (n, 6) int64: where the host's kernels find the points, see cl/rays/arrays.cl."""
+        return find_point_axes(self.points, self.masks)
+
+
+class PointPiece(NamedTuple):
+    """Points that are looked up in one launch.
+
+    Attributes
+    ----------
+    begin, end : int
+        The chunk: a range of the points.
+    order : (n,) int32 or None
+        Points of the piece, one after the other, counted from `begin`; None: all of the chunk, in their own order.
+    """
+
+    begin: int
+    end: int
+    order: NDArray[np.int32] | None = None
+
+    @property
+    def point_count(self) -> int:
+        """Number of points to look up."""
+        return self.end - self.begin if self.order is None else len(self.order)
+
+
+def take_points(rows: Broadcast, begin: int, end: int, box: TreeBox) -> NDArray[Any]:
+    """Return points `begin` to `end`, counted in C order, as loops take them: (n, 3), contiguous.
+
+    Raises
+    ------
+    QueryError
+        A point is not finite, or its local coordinates are not; the message names the first bad one.
+    """
+    part = rows.part(begin, end, rows.items.dtype)
+    if len(part) < end - begin:  # all points are one
+        part = np.broadcast_to(part, (end - begin, 3)).copy()
+    if (bad := _LOOPS.find_bad(part, part.itemsize == 8, len(part), box.as_numbers())) >= 0:
+        raise explain_bad_point(rows, begin + bad)
+    return part
+
+
+def explain_bad_point(rows: Broadcast, number: int) -> QueryError:
+    """Return the error for a bad point."""
+    subject, (point,) = rows.subject("points", number), rows.part(number, number + 1, rows.items.dtype)
+    return too_far(subject, point) if np.isfinite(point).all() else QueryError(f"{subject} is not finite: {point}")

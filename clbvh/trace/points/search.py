@@ -1,0 +1,308 @@
+"""Points are looked up piece by piece: on the host where they are, on other devices packed, in a coherent order.
+
+A query is a function that is called with each piece, a `HostPoints` or a `DevicePoints`. Both have the same methods,
+whose answers have the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...device.host.library import find_addresses
+from ...structs import PACKED_POINT, WORLD_PRIM
+from ..host_items import ALL_GOOD, HostItems, begin_at
+from ..launch import Batch, Call, Caster, Query
+from ..rays import pieces
+from ..rays.pieces import Progress
+from ..world.metrics import Metrics
+from ..world.top_tree import prune_top
+from ..world.tree_box import TreeBox
+from ..world.world import World, with_instances
+from . import pack
+from .batch import PointPiece, SeenPoints, explain_bad_point, take_points
+from .refine import FoundPoints, choose_points, refine_points
+
+CLOSEST_POINT = Query("closest_point", "prims", WORLD_PRIM)
+DEPTH = Query("depth", "prims", WORLD_PRIM)
+_INSIDE = Query("inside", "is_inside", np.dtype(np.uint8))
+_CLOSEST_POINTS = Query("closest_points", "hits")
+
+# The box is grown by this share before a point is said to be outside: float32 has rounded it. As in
+# cl/on_host/world/points.cl.
+_BOX_GROWTH = 1 + 2.0**-20
+
+# Points of a work-group on the host. Looking one up takes as long as 5 to 50 rays.
+_GROUP_POINTS = 16
+
+# A number and two ids of a primitive, see cl/nearest/choose.cl.
+_CANDIDATE_NUMBERS = 2
+
+
+class HostPoints(NamedTuple):
+    """A piece of points that the host looks up where they are.
+
+    Attributes
+    ----------
+    caster : Caster
+        At the world that is seen.
+    seen : SeenPoints
+    piece : PointPiece
+    """
+
+    caster: Caster
+    seen: SeenPoints
+    piece: PointPiece
+
+    def only(self, order: NDArray[np.int32]) -> HostPoints:
+        """Return the piece with only these points, counted from its begin."""
+        return self._replace(piece=self.piece._replace(order=order))
+
+    def split(self, most_points: int) -> Iterator[HostPoints]:
+        """Yield parts with at most so many points."""
+        if self.piece.point_count <= most_points:
+            yield self
+            return
+        order = find_order(self.piece)
+        for first in range(0, len(order), most_points):
+            yield self.only(order[first : first + most_points])
+
+    def find(self, query: Query, found: FoundPoints) -> None:
+        """Write the points of the primitives that a query finds."""
+        self._run(query, [*self._surplus(query), self._metrics.records, *self._surfaces, *found])
+
+    def find_inside(self) -> NDArray[np.bool_]:
+        """Return (n,) bool: whether something contains each point of the chunk."""
+        is_inside = np.empty(self.piece.end - self.piece.begin, np.bool_)
+        self._run(_INSIDE, [*self._surplus(_INSIDE), is_inside])
+        return is_inside
+
+    def choose(self, count: int, slots: int, found: FoundPoints) -> NDArray[np.int32]:
+        """Write the nearest primitives of the points, and return those whose slots are too few."""
+        points = self.piece.point_count
+        hits = np.empty(points * slots, self.caster.world.hit_dtype)
+        candidates, is_crowded = np.empty(points * slots * _CANDIDATE_NUMBERS), np.empty(points, np.bool_)
+        arrays = [self._metrics.records, hits, candidates, is_crowded, *self._surfaces, *found]
+        self._run(_CLOSEST_POINTS, arrays, slots, count == 1, count)
+        return find_order(self.piece)[is_crowded] if is_crowded.any() else _NO_POINTS
+
+    def find_hits(self, query: Query) -> NDArray[np.void]:
+        """Return (n,) structs: what a kernel of the name finds for each point of the chunk."""
+        hits = np.empty(self.piece.end - self.piece.begin, query.dtype)
+        self._run(query, [hits])
+        return hits
+
+    @property
+    def _metrics(self) -> Metrics:
+        return self.caster.world.metrics.metrics
+
+    @property
+    def _surfaces(self) -> list[NDArray[Any]]:
+        return [self.caster.world.arrays.addresses, self._metrics.axes, self._metrics.half_lengths]
+
+    def _surplus(self, query: Query) -> tuple[Any, ...]:
+        if query is CLOSEST_POINT:
+            return ()
+        surplus = self.caster.world.surplus
+        return (None, None) if surplus is None else surplus
+
+    def _run(self, query: Query, arrays: list[Any], *numbers: int) -> None:
+        world, session = self.caster.world, self.caster.session
+        # Held until the kernel returns: their addresses are no reference, and another thread may have made others.
+        _surfaces = world.arrays
+        points = _take_on_host(world, self.seen, self.piece)
+        points.run(session, self.caster.kernel_at(world, query.kernel), arrays, *numbers)
+
+
+def _take_on_host(world: World, seen: SeenPoints, piece: PointPiece) -> HostItems:
+    """Return the points of a piece, which has some, as kernels of the host are told of them."""
+    count, axes, bad = piece.point_count, begin_at(seen.axes(), piece.begin), ALL_GOOD.copy()
+    used = seen.points, seen.masks, axes, world.box_numbers, piece.order, bad
+    points, masks, axes_at, box, order_at, bad_at = find_addresses(used)
+    is_double = seen.points.dtype.itemsize == 8
+    numbers = points, 0, 0, 0, masks, is_double, axes_at, len(axes) - 2, count, box, order_at, bad_at
+    groups = -(-count // _GROUP_POINTS), 1, _GROUP_POINTS
+    return HostItems(numbers, groups, bad, used, partial(_explain, seen, piece, world.box))
+
+
+def _explain(seen: SeenPoints, piece: PointPiece, box: TreeBox, bad: int) -> Exception:
+    if piece.order is not None:
+        # Others of the chunk may be bad as well.
+        take_points(seen.rows, piece.begin, piece.end, box)
+    return explain_bad_point(seen.rows, piece.begin + bad)
+
+
+class DevicePoints(NamedTuple):
+    """A piece of points that a device looks up; see `HostPoints`.
+
+    Attributes
+    ----------
+    call : Call
+        At the world that is seen.
+    piece : PointPiece
+        With an order.
+    points : (n, 3) float, contiguous, the world's coordinates
+        Of the chunk.
+    masks : (n,) or (1,) uint32
+    """
+
+    call: Call
+    piece: PointPiece
+    points: NDArray[Any]
+    masks: NDArray[np.uint32]
+
+    def only(self, order: NDArray[np.int32]) -> DevicePoints:
+        """See `HostPoints`."""
+        return self._replace(piece=self.piece._replace(order=order))
+
+    def split(self, most_points: int) -> Iterator[DevicePoints]:
+        """See `HostPoints`."""
+        order = find_order(self.piece)
+        for first in range(0, len(order), most_points):
+            yield self.only(order[first : first + most_points])
+
+    def find(self, query: Query, found: FoundPoints) -> None:
+        """See `HostPoints`."""
+        order = find_order(self.piece)
+        surplus = {} if query is CLOSEST_POINT else self._put_surplus()
+        with self.call.cast(query, self._put(order), metrics=self._put_metrics(), **surplus) as prims:
+            self.refine(order, prims, found, order)
+
+    def refine(
+        self, order: NDArray[np.int32], prims: NDArray[Any], found: FoundPoints, slots: NDArray[np.int32]
+    ) -> None:
+        """Write the points of primitives in parallel; see `refine_points`."""
+        world = self.call.world
+
+        def refine(first: int, last: int) -> None:
+            own = order[first:last], prims[first:last], found, slots[first:last]
+            refine_points(self.points, world.arrays, world.metrics.metrics, world.box, *own)
+
+        self.call.threads.for_ranges(len(order), refine)
+
+    def find_inside(self) -> NDArray[np.bool_]:
+        """See `HostPoints`."""
+        is_inside, box, order = np.zeros(len(self.points), np.bool_), self.call.world.box, find_order(self.piece)
+        is_in_box = np.abs((self.points - box.centre) * box.scale) <= box.half * _BOX_GROWTH
+        order = order[np.logical_and.reduce(is_in_box, axis=1)[order]]
+        if len(order):
+            with self.call.cast(_INSIDE, self._put(order), **self._put_surplus()) as inside:
+                is_inside[order] = inside
+        return is_inside
+
+    def choose(self, count: int, slots: int, found: FoundPoints) -> NDArray[np.int32]:
+        """See `HostPoints`."""
+        world, order = self.call.world, find_order(self.piece)
+        most_points = max(1, self.call.fit(world.hit_dtype, len(order) * slots) // slots)
+        crowded = [_NO_POINTS]
+        for first in range(0, len(order), most_points):
+            chosen = order[first : first + most_points]
+            with self.call.cast(
+                _CLOSEST_POINTS, self._put(chosen), results_per_item=slots, slots=np.int32(slots),
+                is_single=np.int32(count == 1), metrics=self._put_metrics(),
+            ) as hits:  # fmt: skip
+
+                def choose(begin: int, end: int, hits: Any = hits, chosen: NDArray[np.int32] = chosen) -> None:
+                    own = hits[begin * slots : end * slots], chosen[begin:end], slots, count, found
+                    crowded.append(choose_points(self.points, world.arrays, world.metrics.metrics, world.box, *own))
+
+                self.call.threads.for_ranges(len(chosen), choose)
+        return np.concatenate(crowded)
+
+    def find_hits(self, query: Query) -> NDArray[np.void]:
+        """See `HostPoints`."""
+        order = find_order(self.piece)
+        with self.call.cast(query, self._put(order)) as found:
+            hits = np.empty(len(order), found.dtype)
+            hits[order] = found
+        return hits
+
+    def _put(self, order: NDArray[np.int32]) -> Batch:
+        return pack.pack_points(self.call, self.points, self.masks, order)
+
+    def _put_metrics(self) -> Any:
+        return self.call.world.metrics.put(self.call.caster.session, self.call.session)
+
+    def _put_surplus(self) -> dict[str, Any]:
+        """Return the arguments of cl/world/inside.cl that say which faces do not count."""
+        surplus, names = self.call.world.surplus, ("surplus", "first_surplus")
+        if surplus is None:
+            return dict.fromkeys(names)
+        return {name: self.call.put(name, array) for name, array in zip(names, surplus, strict=True)}
+
+
+_NO_POINTS = np.empty(0, np.int32)
+
+Points = HostPoints | DevicePoints
+
+
+def find_order(piece: PointPiece) -> NDArray[np.int32]:
+    """Return (n,) int32: the points of a piece, counted from its begin."""
+    return np.arange(piece.end - piece.begin, dtype=np.int32) if piece.order is None else piece.order
+
+
+def look_up(
+    caster: Caster, seen: SeenPoints, work: Callable[[Points], object], progress: Progress | None = None,
+    most_points: int = 0,
+) -> None:  # fmt: skip
+    """Call a function with all points, piece by piece; on the host with few of them at once, without a call.
+
+    Parameters
+    ----------
+    caster : Caster
+    seen : SeenPoints
+    work : function
+        Looks up a `HostPoints` or a `DevicePoints`.
+    progress : function, optional
+        Called with the number of points that are done, and of all points, after each piece.
+    most_points : int
+        Of a piece; `CHUNK_RAYS` without it.
+    """
+    count, most = seen.count, min(most_points or pieces.CHUNK_RAYS, pieces.CHUNK_RAYS)
+    are_few = count <= most and count < pack.LEAST_POINTS and seen.instance_ids is None
+    if are_few and caster.session.info.is_host:
+        caster.run_without_call(partial(_look_up_few, caster, seen, work))
+        if count and progress is not None:
+            progress(count, count)
+        return
+
+    def cast(call: Call) -> None:
+        here, own = _choose_world(call, seen)
+        for begin, end in pack.cut_points_of(call, PACKED_POINT, count, progress, most_points=most):
+            work(_take_piece(here, own, begin, end))
+
+    caster.run(cast)
+
+
+def _look_up_few(caster: Caster, seen: SeenPoints, work: Callable[[Points], object]) -> None:
+    if seen.count:
+        work(HostPoints(caster, seen, PointPiece(0, seen.count)))
+
+
+def _choose_world(call: Call, seen: SeenPoints) -> tuple[Call, SeenPoints]:
+    """Return the call at the world of the instances that are visible at all, and the points there."""
+    world, chosen = call.world, seen.instance_ids
+    if chosen is None:
+        return call, seen
+    if world.is_lone:
+        return call, SeenPoints(seen.points, seen.masks) if 0 in chosen else seen.without_any()
+    assert world.top is not None
+    buffers = {name: call.session.upload(array) for name, array in prune_top(world.top, chosen).items()}
+    return call.at(with_instances(world, buffers)), seen
+
+
+def _take_piece(call: Call, seen: SeenPoints, begin: int, end: int) -> Points:
+    """Return a piece of points, in an order in which neighbours are close; few of them stay in their own."""
+    world, is_host, order = call.world, call.session.info.is_host, None
+    if is_host and end - begin < pack.LEAST_POINTS:
+        return HostPoints(call.caster.at(world), seen, PointPiece(begin, end))
+    points = take_points(seen.rows, begin, end, world.box)
+    order = pack.find_point_order(points, world.box, call.order_by_keys)
+    piece = PointPiece(begin, end, order)
+    if is_host:
+        return HostPoints(call.caster.at(world), seen, piece)
+    return DevicePoints(call, piece, points, seen.mask_rows.part(begin, end, seen.masks.dtype))
