@@ -60,7 +60,7 @@ typedef struct {
     long at[COLUMNS];
 } ray_place_t;
 
-INLINED ray_place_t find_ray_place(const ray_arrays_t *arrays, const int ray)
+INLINED ray_place_t find_ray_place(const ray_arrays_t *arrays, const long ray)
 {
     const global long *axes = arrays->axes;
     ray_place_t place;

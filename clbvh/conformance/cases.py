@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Mesh
 from ..geometry.shapes.solids import make_icosphere
-from ..trace.rays.batch import RayRows
 
 # Rays or points of each kind, see `make_rays` and `make_points`.
 _AROUND, _AT_VERTICES, _AT_EDGES, _INSIDE, _LIMITED = 72, 60, 48, 30, 30
@@ -34,6 +34,21 @@ _FAR_ORIGIN = (448_000.0, 5_411_000.0, 300.0)
 _SMALL_SCALE = 2.0**-20
 
 
+class Rays(NamedTuple):
+    """Rays as queries take them.
+
+    Attributes
+    ----------
+    origins, directions : (n, 3) float64
+    t_min, t_max : (n,) float64
+    """
+
+    origins: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    t_min: NDArray[np.float64]
+    t_max: NDArray[np.float64]
+
+
 @dataclass(frozen=True, eq=False)
 class Case:
     """A mesh, and what is asked of it.
@@ -43,8 +58,7 @@ class Case:
     name : str
     vertices : (V, 3) float64
     faces : (F, 3) int64
-    rays : RayRows
-        Contiguous, with limits for each ray.
+    rays : Rays
     points : (n, 3) float64
     is_closed : bool
         Whether points can be inside.
@@ -53,7 +67,7 @@ class Case:
     name: str
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
-    rays: RayRows
+    rays: Rays
     points: NDArray[np.float64]
     is_closed: bool
 
@@ -83,7 +97,7 @@ def make_cases() -> list[Case]:
     return cases
 
 
-def make_rays(vertices: NDArray[np.float64], faces: NDArray[np.int64], generator: np.random.Generator) -> RayRows:
+def make_rays(vertices: NDArray[np.float64], faces: NDArray[np.int64], generator: np.random.Generator) -> Rays:
     """Return rays of five kinds, one after the other.
 
     From all around at points of the box; along the axes, exactly through vertices; from outside at the middles of
@@ -109,7 +123,7 @@ def make_rays(vertices: NDArray[np.float64], faces: NDArray[np.int64], generator
     )
     t_min, t_max = np.zeros(len(origins)), np.full(len(origins), np.inf)
     t_min[-_LIMITED:], t_max[-_LIMITED:] = generator.random(_LIMITED), 1.0 + generator.random(_LIMITED)
-    return RayRows(origins, directions, t_min, t_max)
+    return Rays(origins, directions, t_min, t_max)
 
 
 def make_points(

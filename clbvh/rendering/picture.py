@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from ..support.host_threads import HostThreads
 from ..trace.hits.hits import Hits
 from ..trace.hits.refine import RefinedHits, refine_closest
 from ..trace.hits.surface import Surface
-from ..trace.rays.batch import RowBatch, read_rays
+from ..trace.rays.batch import read_rays
 from .built_scene import BuiltScene
 from .cameras.camera import Camera
 from .cut import Cut
@@ -262,17 +262,16 @@ def refine_pixels(surface: Surface, camera: Camera, found: NDArray[np.void], cut
         for first_row in range(0, height, row_count):
             last_row = min(first_row + row_count, height)
             origins, directions = camera.rays(width, height, range(first_row, last_row))
-            rays = read_rays(origins, directions, 0.0, np.inf).rows
-            pixels = first_row * width, last_row * width
-            of_rows = rays, surface.arrays, found[first_row:last_row].reshape(-1), refined.part(*pixels)
-            threads.for_ranges(pixels[1] - pixels[0], partial(_refine_range, *of_rows))
+            batch, pixels = read_rays(origins, directions, 0.0, np.inf), (first_row * width, last_row * width)
+            of_rows, hits = found[first_row:last_row].reshape(-1), refined.part(*pixels)
+
+            def refine(
+                begin: int, end: int, batch: Any = batch, of_rows: Any = of_rows, hits: RefinedHits = hits
+            ) -> None:
+                refine_closest(batch, begin, surface.arrays, of_rows[begin:end], hits.part(begin, end))
+
+            threads.for_ranges(pixels[1] - pixels[0], refine)
             if cut is not None:
                 t = refined.t[slice(*pixels)]
                 t[:] = cut.limit(t.reshape(-1, width), origins, directions).reshape(-1)
     return refined.reshape(height, width).as_hits(surface)
-
-
-def _refine_range(
-    rays: RowBatch, surface: Any, found: NDArray[np.void], refined: RefinedHits, begin: int, end: int
-) -> None:
-    refine_closest(rays.part(begin, end), surface, found[begin:end], refined.part(begin, end))

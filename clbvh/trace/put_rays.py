@@ -23,7 +23,7 @@ from ..structs import FAR_RADII, NEAR_SHARE, PACKED_RAY, RAY_LOW, STEPS
 from ..support.say_once import say_once
 from .host_items import HostItems
 from .launch import Batch, Call, Caster, Query
-from .rays.batch import Broadcast, RayBatch, RayRows, read_vectors
+from .rays.batch import Broadcast, RayBatch, read_vectors
 from .rays.pack import explain_bad_ray, find_shared_low, pack_rays
 from .rays.pieces import CHUNK_RAYS, MOST_SAMPLED_BYTES, Progress, RayPiece, cut_points, cut_rays
 from .world.starts import AT_THE_ROOT, TILE_KERNEL, find_entry_points
@@ -227,23 +227,13 @@ def _advances_rays(world: World) -> bool:
 
 def _make_packer(batch: RayBatch, piece: RayPiece, box: TreeBox) -> Callable[..., bool]:
     """Return a function that packs a range of the piece's rays, given its begin, its end, and where they go."""
-    if piece.order is None:
-        return partial(_pack_in_order, batch, piece.begin, box)
-    return partial(_pack_by, piece.order, batch, batch.rows.part(piece.begin, piece.end), piece.begin, box)
 
+    def pack(first: int, last: int, packed: NDArray[np.void], **lows: Any) -> bool:
+        if piece.order is None:
+            return pack_rays(batch, box, packed, first_ray=piece.begin + first, **lows)
+        return pack_rays(batch, box, packed, first_ray=piece.begin, order=piece.order[first:last], **lows)
 
-def _pack_in_order(
-    batch: RayBatch, begin: int, box: TreeBox, first: int, last: int, packed: NDArray[np.void], **lows: Any
-) -> bool:
-    rays = batch.rows.part(begin + first, begin + last)
-    return pack_rays(batch, rays, box, packed, first_ray=begin + first, **lows)
-
-
-def _pack_by(
-    order: NDArray[np.int32], batch: RayBatch, rays: RayRows, begin: int, box: TreeBox, first: int, last: int,
-    packed: NDArray[np.void], **lows: Any,
-) -> bool:  # fmt: skip
-    return pack_rays(batch, rays, box, packed, order=order[first:last], first_ray=begin, **lows)
+    return pack
 
 
 def _copy(source: NDArray[Any], first: int, last: int, target: NDArray[Any]) -> None:

@@ -471,7 +471,7 @@ def _compare_rays(
 ) -> None:  # fmt: skip
     """Write which boxes rays may meet, a bit for each; and add up where they enter them, and how many do."""
     packed, entries = np.empty(end - begin, PACKED_RAY), np.empty((end - begin, len(boxes)), np.float32)
-    pack_rays(batch, batch.rows.part(begin, end), box, packed, first_ray=begin)
+    pack_rays(batch, box, packed, first_ray=begin)
     np.minimum(packed["t_max"], limits, out=packed["t_max"])
     with session.branch() as own:
         written = own.allocate(entries.nbytes)
@@ -541,7 +541,7 @@ def _refine(
     """Write some of the hits of a piece in float64, those that are nearer."""
     kept, own, nearer = found[begin:end].copy(), RefinedHits.make(end - begin), is_nearer[begin:end]
     kept["prim_id"][~nearer] = NO_PRIM
-    refine_closest(batch.rows.part(piece_begin + begin, piece_begin + end), caster.world.arrays, kept, own)
+    refine_closest(batch, piece_begin + begin, caster.world.arrays, kept, own)
     for values, found_values in zip(hits[:4], own[:4], strict=True):
         values[rays[begin:end][nearer]] = found_values[nearer]
 

@@ -150,7 +150,11 @@ def test_distances_of_what_an_instance_places(call):
         const point_t centre = {inside.x, inside.y, inside.z};
         to_sphere = sqrt(distance_squared_to_sphere(&nearest, centre, radius)) / unit;
     """
-    found = call("nearest/sphere.cl points/point.cl", body, "float to_box, float slack, float to_corner, float to_sphere",
+    includes, outputs = (
+        "nearest/sphere.cl points/point.cl",
+        "float to_box, float slack, float to_corner, float to_sphere",
+    )
+    found = call(includes, body, outputs,
                  instance=instances, metric=metrics, position=positions, low=boxes[:, 0], high=boxes[:, 1],
                  inside=inside, radius=radii, defines=DEFINES)  # fmt: skip
     to_box, slack, to_corner, to_sphere = np.float64(found)

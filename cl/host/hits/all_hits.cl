@@ -7,7 +7,7 @@
 #include "hits/refine.cl"
 #include "hits/surfaces.cl"
 #include "rays/arrays.cl"
-#include "rays/rows.cl"
+#include "rays/given.cl"
 
 // How many rays ahead their counts and their hits are asked for.
 #define RAYS_AHEAD 16
@@ -80,20 +80,19 @@ static long source_index(const long source, const long *segment_begins)
 // smaller than that of the hit before it on the ray.
 //
 // arrays              `SurfaceArrays.addresses`
-// origins, ..., each_limit    see cl/rays/rows.cl
+// rays, first_ray     see cl/rays/given.cl
 // found, found_in_world    one of both: the hits of all segments
 // segment_begins[], counts[ray_count], sources[ray_count]    see `Crossings`
 // t[], ..., instance_id[]  written; the last of worlds with instances alone
 // locations[][3]      written, in world coordinates, unless NULL
 loop long refine_rays(
-    const ulong *arrays, const void *origins, const long origin_step, const void *directions, const long direction_step,
-    const int doubles, const double *t_mins, const double *t_maxs, const int each_limit, const hit_t *found,
-    const world_hit_t *found_in_world, const long *segment_begins, const long ray_count, const int counts[ray_count],
-    const long sources[ray_count], const long first_slot, double *t, double *u, double *v, bool *is_front, int *prim_id,
-    int *instance_id, double *locations)
+    const ulong *arrays, const ulong *rays, const long first_ray, const hit_t *found, const world_hit_t *found_in_world,
+    const long *segment_begins, const long ray_count, const int counts[ray_count], const long sources[ray_count],
+    const long first_slot, double *t, double *u, double *v, bool *is_front, int *prim_id, int *instance_id,
+    double *locations)
 {
     const surfaces_t surfaces = surfaces_on_host(arrays);
-    const ray_rows_t rays = {origins, directions, origin_step, direction_step, doubles, t_mins, t_maxs, each_limit};
+    const given_rays_t given = rays_from(rays, first_ray);
     const found_hits_t hits = {found, found_in_world};
     long listed_rays[LISTED_HITS], listed[LISTED_HITS];
     long slot = first_slot, ray = 0, ray_before = -1;
@@ -120,7 +119,7 @@ loop long refine_rays(
         for (int index = 0; index < count; index++, slot++) {
             will_read_corners(&surfaces, &hits, listed[min(index + CORNERS_AHEAD, count - 1)]);
             const int prim = prim_of(&hits, listed[index]), instance = instance_of(&hits, listed[index]);
-            const wide_ray_t of_hit = read_ray(&rays, listed_rays[index]);
+            const wide_ray_t of_hit = read_ray(&given, listed_rays[index]);
             const refined_hit_t hit =
                 refine_hit(&surfaces, &of_hit, instance, prim, is_leaving(&hits, listed[index]));
             const bool is_next = surfaces.is_lone && listed_rays[index] == ray_before;

@@ -3,7 +3,7 @@
 // Cells are found in float32, without branches. Comparisons are written so that NaN, of a ray in a face of the box,
 // changes nothing and falls into the first cell.
 
-#include "rays/rows.cl"
+#include "rays/given.cl"
 
 #define LANES 8
 
@@ -46,14 +46,14 @@ INLINED int8 cells_at(const grid_t *grid, const int axis, const float8 origin, c
 }
 
 // Returns the crossings of rays from `first` on; the last of `count` stands for those after it.
-static crossings_t cross_box(const grid_t *grid, const ray_rows_t *rows, const long first, const long count)
+static crossings_t cross_box(const grid_t *grid, const given_rays_t *rays, const long first, const long count)
 {
     double origins[3][LANES];
     float8 directions[3];
     float8 t_near;
     float8 t_far;
     for (int lane = 0; lane < LANES; lane++) {
-        const wide_ray_t ray = read_ray(rows, min(first + lane, count - 1));
+        const wide_ray_t ray = read_ray(rays, min(first + lane, count - 1));
         origins[0][lane] = ray.origin.x;
         origins[1][lane] = ray.origin.y;
         origins[2][lane] = ray.origin.z;
@@ -103,14 +103,13 @@ INLINED int8 spread_by_three(int8 cell)
 //
 // by_exit             whether the entries do not count
 loop void write_keys(
-    const void *origins, const long origin_step, const void *directions, const long direction_step, const int doubles,
-    const double *t_mins, const double *t_maxs, const int each_limit, const double grid[11], const int by_exit,
-    const long count, int keys[count])
+    const ulong *rays, const long first_ray, const double grid[11], const int by_exit, const long count,
+    int keys[count])
 {
-    const ray_rows_t rows = {origins, directions, origin_step, direction_step, doubles, t_mins, t_maxs, each_limit};
+    const given_rays_t given = rays_from(rays, first_ray);
     const grid_t cells = load_grid(grid);
     for (long first = 0; first < count; first += LANES) {
-        const crossings_t crossings = cross_box(&cells, &rows, first, count);
+        const crossings_t crossings = cross_box(&cells, &given, first, count);
         int8 key = (int8)(0);
         for (int axis = 0; axis < 3; axis++) {
             if (by_exit) {
@@ -152,17 +151,15 @@ static void swap_pairs(const int8 cells[3], int8 swapped[3])
 // count               rays, two of each pair; a multiple of 16
 // shares              written
 loop void measure_apart(
-    const void *origins, const long origin_step, const void *directions, const long direction_step, const int doubles,
-    const double *t_mins, const double *t_maxs, const int each_limit, const double grid[11], const long count,
-    double shares[3])
+    const ulong *rays, const long first_ray, const double grid[11], const long count, double shares[3])
 {
-    const ray_rows_t rows = {origins, directions, origin_step, direction_step, doubles, t_mins, t_maxs, each_limit};
+    const given_rays_t given = rays_from(rays, first_ray);
     const grid_t cells = load_grid(grid);
     int considered = 0;
     int apart[3] = {0, 0, 0};
     for (long first = 0; first < count; first += LANES) {
-        const crossings_t pairs = cross_box(&cells, &rows, first, count);
-        const crossings_t others = cross_box(&cells, &rows, (first + count / 2) % count, count);
+        const crossings_t pairs = cross_box(&cells, &given, first, count);
+        const crossings_t others = cross_box(&cells, &given, (first + count / 2) % count, count);
         int8 entries[3];
         int8 exits[3];
         swap_pairs(pairs.entries, entries);

@@ -1,6 +1,6 @@
 // Whether rays are a picture, and how long its rows are, by clbvh/trace/rays/coherence.py.
 
-#include "rays/rows.cl"
+#include "rays/given.cl"
 
 #define MOST_ROW_LENGTH (1 << 16)
 
@@ -12,10 +12,10 @@
 #define ROW_SAMPLES 32
 #define LEAST_GOOD_SAMPLES 24
 
-static double distance_of(const ray_rows_t *rows, const long one, const long other)
+static double distance_of(const given_rays_t *rays, const long one, const long other)
 {
-    const wide_ray_t a = read_ray(rows, one);
-    const wide_ray_t b = read_ray(rows, other);
+    const wide_ray_t a = read_ray(rays, one);
+    const wide_ray_t b = read_ray(rays, other);
     const double3 origin = a.origin - b.origin;
     const double3 direction = a.direction - b.direction;
     // In this order, axis by axis.
@@ -29,7 +29,7 @@ static double distance_of(const ray_rows_t *rows, const long one, const long oth
 }
 
 // The length of rows, of this one and the next ones, for which the next row is nearest.
-static long nearest_row(const ray_rows_t *rows, const long count, const long row_length)
+static long nearest_row(const given_rays_t *rays, const long count, const long row_length)
 {
     long nearest = row_length;
     double least = INFINITY;
@@ -39,7 +39,7 @@ static long nearest_row(const ray_rows_t *rows, const long count, const long row
         double total = 0.0;
         for (int sample = 0; sample < ROW_SAMPLES; sample++) {
             const long ray = sample * (count - 1 - candidate) / ROW_SAMPLES;
-            total += distance_of(rows, ray, ray + candidate);
+            total += distance_of(rays, ray, ray + candidate);
         }
         if (total < least) {
             nearest = candidate;
@@ -50,17 +50,17 @@ static long nearest_row(const ray_rows_t *rows, const long count, const long row
 }
 
 // The number of rays after which a walk from the middle of the batch comes back to its beginning; 0 if it does not.
-static long find_return(const ray_rows_t *rows, const long count, const long least_row_length, const long least_rows)
+static long find_return(const given_rays_t *rays, const long count, const long least_row_length, const long least_rows)
 {
     const long begin = count / 2;
     double travelled = 0.0;
     bool was_away = false;
     for (long row_length = 1; row_length <= min(count / least_rows, (long)MOST_ROW_LENGTH); row_length++) {
-        travelled += distance_of(rows, begin + row_length - 1, begin + row_length);
+        travelled += distance_of(rays, begin + row_length - 1, begin + row_length);
         const double near = NEAR_STEPS * travelled / row_length;
-        const double distance = distance_of(rows, begin, begin + row_length);
+        const double distance = distance_of(rays, begin, begin + row_length);
         if (was_away && distance <= near) {
-            return row_length >= least_row_length ? nearest_row(rows, count, row_length) : 0;
+            return row_length >= least_row_length ? nearest_row(rays, count, row_length) : 0;
         }
         // Written so that NaN is not away.
         was_away = was_away || distance > near;
@@ -69,7 +69,7 @@ static long find_return(const ray_rows_t *rows, const long count, const long lea
 }
 
 // Whether the next row is near for enough samples, and the middle of a row far from its beginning.
-static bool are_rows_near(const ray_rows_t *rows, const long count, const long row_length)
+static bool are_rows_near(const given_rays_t *rays, const long count, const long row_length)
 {
     const long row_count = count / row_length;
     const long half_row = row_length / 2;
@@ -78,22 +78,20 @@ static bool are_rows_near(const ray_rows_t *rows, const long count, const long r
         const long begin = sample * (row_count - 1) / ROW_SAMPLES * row_length;
         double travelled = 0.0;
         for (long ray = begin; ray < begin + half_row; ray++) {
-            travelled += distance_of(rows, ray, ray + 1);
+            travelled += distance_of(rays, ray, ray + 1);
         }
         const double near = NEAR_STEPS * travelled / half_row;
         const long ray = begin + half_row * sample / ROW_SAMPLES;
-        good += distance_of(rows, begin, begin + half_row) > near && distance_of(rows, ray, ray + row_length) <= near;
+        good += distance_of(rays, begin, begin + half_row) > near && distance_of(rays, ray, ray + row_length) <= near;
     }
     return good >= LEAST_GOOD_SAMPLES;
 }
 
 // Returns the number of rays in a row if the rays are a picture, 0 if they are none.
 loop long find_row_length(
-    const void *origins, const long origin_step, const void *directions, const long direction_step, const int doubles,
-    const double *t_mins, const double *t_maxs, const int each_limit, const long count,
-    const long least_row_length, const long least_rows)
+    const ulong *rays, const long first_ray, const long count, const long least_row_length, const long least_rows)
 {
-    const ray_rows_t rows = {origins, directions, origin_step, direction_step, doubles, t_mins, t_maxs, each_limit};
-    const long row_length = find_return(&rows, count, least_row_length, least_rows);
-    return row_length > 0 && are_rows_near(&rows, count, row_length) ? row_length : 0;
+    const given_rays_t given = rays_from(rays, first_ray);
+    const long row_length = find_return(&given, count, least_row_length, least_rows);
+    return row_length > 0 && are_rows_near(&given, count, row_length) ? row_length : 0;
 }

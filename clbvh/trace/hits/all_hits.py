@@ -43,9 +43,6 @@ _RAY_BYTES = 12
 OFFSET_BITS = 40
 OFFSET_MASK = (1 << OFFSET_BITS) - 1
 
-# Rays that are made contiguous at a time, where they are not.
-_MOST_RAYS = 2**20
-
 _LOOPS = Loops("hits/all_hits")
 
 
@@ -85,7 +82,7 @@ class _Search:
 
 def find_crossings(caster: Caster, batch: RayBatch, max_hits: int | None, progress: Progress | None) -> Crossings:
     """Return the crossings of each ray, the nearest `max_hits` at most."""
-    count = batch.ray_count
+    count, dtype = batch.ray_count, caster.world.hit_dtype
     check_room(count, _RAY_BYTES)
     counts, sources = np.zeros(count, np.int32), np.zeros(count, np.int64)
     segments: list[NDArray[np.int64]] = []
@@ -109,13 +106,14 @@ def find_crossings(caster: Caster, batch: RayBatch, max_hits: int | None, progre
     else:
         caster.run(cast)
     segment_begins = running_sums(np.array([len(segment) for segment in segments], np.int64))
-    found = np.empty((segment_begins[-1], caster.world.hit_dtype.itemsize // 8), np.int64)
+    found = segments[0] if len(segments) == 1 else np.empty((segment_begins[-1], dtype.itemsize // 8), np.int64)
 
     def join(begin: int, segment: NDArray[np.int64]) -> None:
         found[begin : begin + len(segment)] = segment
 
-    caster.threads.run(join, list(zip(segment_begins[:-1].tolist(), segments, strict=True)))
-    return Crossings(counts, sources, segment_begins, found.view(caster.world.hit_dtype).reshape(-1))
+    if len(segments) > 1:
+        caster.threads.run(join, list(zip(segment_begins[:-1].tolist(), segments, strict=True)))
+    return Crossings(counts, sources, segment_begins, found.view(dtype).reshape(-1))
 
 
 def _search_round(search: _Search, batch: RayBatch, ray_ids: NDArray[np.int64] | None, slots: int) -> NDArray[np.int64]:
@@ -226,14 +224,11 @@ def refine_rays(
     float32 resolves in the other order. In a scene, the hits of a ray are in the order of t in float64: the device
     resolves the distance of two instances less the farther they are from the ray's origin.
     """
-    slot = first_slot
     of_kind = (crossings.found, None) if arrays.is_lone else (None, crossings.found)
-    for first in range(begin, end, _MOST_RAYS):
-        rays = batch.rows.part(first, last := min(first + _MOST_RAYS, end))
-        slot = _LOOPS.refine_rays(
-            arrays.addresses, *rays.as_arguments(), *of_kind, crossings.segment_begins, crossings.counts[first:last],
-            crossings.sources[first:last], slot, *hits, locations,
-        )  # fmt: skip
+    _LOOPS.refine_rays(
+        arrays.addresses, batch.addresses, begin, *of_kind, crossings.segment_begins, crossings.counts[begin:end],
+        crossings.sources[begin:end], first_slot, *hits, locations,
+    )  # fmt: skip
     if not arrays.is_lone:
         _LOOPS.sort_by_t(crossings.counts[begin:end], first_slot, *hits, locations)
 

@@ -14,9 +14,8 @@ from ..host_items import HostItems
 from ..launch import Call, Caster, Query
 from ..put_rays import COUNT_STEPS, cut_batch, put_rays
 from ..rays import pieces
-from ..rays.batch import RayBatch, RowBatch, check_room, read_rays
+from ..rays.batch import RayBatch, check_room, read_rays
 from ..rays.pieces import Progress, RayPiece
-from ..world.surface_arrays import SurfaceArrays
 from .hits import Hits
 from .refine import LEAST_HITS, RefinedHits, refine_closest
 from .surface import Surface
@@ -51,7 +50,12 @@ def find_closest_hits(caster: Caster, batch: RayBatch, progress: Progress | None
 
     def cast_on_device(call: Call, piece: RayPiece) -> None:
         with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
-            refine = partial(_refine_range, batch.rows, piece.begin, call.world.arrays, found, flat)
+            arrays = call.world.arrays
+
+            def refine(first: int, last: int) -> None:
+                part = flat.part(piece.begin + first, piece.begin + last)
+                refine_closest(batch, piece.begin + first, arrays, found[first:last], part)
+
             call.threads.for_ranges(len(found), refine, least_items=LEAST_HITS)
 
     # The hits of sorted rays are refined in the order of the rays: they would be written all over memory.
@@ -98,19 +102,6 @@ def _cast_batch(
     caster.run_without_call(partial(cast_here, caster, RayPiece(0, count)))
     if progress is not None:
         progress(count, count)
-
-
-def _refine_range(
-    rows: RowBatch,
-    begin: int,
-    arrays: SurfaceArrays,
-    found: NDArray[np.void],
-    hits: RefinedHits,
-    first: int,
-    last: int,
-) -> None:
-    rays = begin + first, begin + last
-    refine_closest(rows.part(*rays), arrays, found[first:last], hits.part(*rays))
 
 
 def find_closest_prims(caster: Caster, batch: RayBatch, progress: Progress | None) -> NDArray[np.int32]:

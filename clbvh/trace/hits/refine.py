@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...device.host.loops import Loops
-from ..rays.batch import RayRows
+from ..rays.batch import RayBatch
 from ..world.surface_arrays import SurfaceArrays
 from .hits import Hits
 from .surface import Surface
@@ -57,13 +57,15 @@ class RefinedHits(NamedTuple):
         return Hits(t, u, v, prim_id, is_front=is_front, surface=surface, known_instance_id=of_instances)
 
 
-def refine_closest(rays: RayRows, arrays: SurfaceArrays, found: NDArray[np.void], hits: RefinedHits) -> None:
-    """Write one hit for each ray in float64.
+def refine_closest(
+    batch: RayBatch, first_ray: int, arrays: SurfaceArrays, found: NDArray[np.void], hits: RefinedHits
+) -> None:
+    """Write one hit in float64 for each of some rays.
 
     Parameters
     ----------
-    rays : RayRows
-        The rays that were cast, as the user gave them.
+    batch : RayBatch
+    first_ray : int
     arrays : SurfaceArrays
     found : (n,) `structs.HIT` of a lone shape, else `structs.WORLD_HIT`
         What the device found.
@@ -73,4 +75,4 @@ def refine_closest(rays: RayRows, arrays: SurfaceArrays, found: NDArray[np.void]
     """
     found = np.ascontiguousarray(found)
     of_kind = (found, None) if arrays.is_lone else (None, found)
-    _LOOPS.refine_closest(arrays.addresses, *rays.as_arguments(), *of_kind, len(found), *hits)
+    _LOOPS.refine_closest(arrays.addresses, batch.addresses, first_ray, *of_kind, len(found), *hits)

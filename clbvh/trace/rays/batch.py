@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...device.host.library import find_addresses
 from ...errors import QueryError
 from ...geometry.arrays import has_masked_values, on_host
 from ...support.memory import check_memory
@@ -100,6 +101,14 @@ class RayBatch:
         axes[0, :3] = begin, origins.offset, directions.offset
         axes[0, 3:] = [0 if len(each) == 1 else -begin * each.itemsize for each in parts]
         return axes
+
+    @cached_property
+    def addresses(self) -> NDArray[np.uint64]:
+        """The same as the host's loops are told of it, see cl/rays/given.cl: a struct of addresses and numbers."""
+        assert not self.is_on_device
+        axes = self.axes()
+        *arrays, axes_at = find_addresses((*self.arrays, axes))
+        return np.array([*arrays, self.doubles, axes_at, len(axes) - 2], np.uint64)
 
     @property
     def doubles(self) -> int:
@@ -191,25 +200,6 @@ class RowBatch(NamedTuple):
     t_min: Broadcast
     t_max: Broadcast
     mask: Broadcast
-
-    @property
-    def is_contiguous(self) -> bool:
-        """Whether parts are views, not copies."""
-        return self.origins.is_contiguous and self.directions.is_contiguous
-
-    def part(self, begin: int, end: int) -> RayRows:
-        """Return rays `begin` to `end`, counted in C order."""
-        origins, directions = self.vectors(begin, end)
-        return RayRows(
-            origins, directions, self.t_min.part(begin, end, _FLOAT64), self.t_max.part(begin, end, _FLOAT64)
-        )
-
-    def vectors(self, begin: int, end: int) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return the origins and directions of rays `begin` to `end`, as in `RayRows`."""
-        dtype = self.origins.items.dtype
-        if dtype != self.directions.items.dtype:
-            dtype = _FLOAT64
-        return self.origins.part(begin, end, dtype), self.directions.part(begin, end, dtype)
 
 
 def _ray_shape(origins: Any, directions: Any) -> tuple[int, ...]:
@@ -465,37 +455,6 @@ def _copy_range(grid: NDArray[Any], leading_dims: int, begin: int, end: int, tar
     target[head : len(target) - tail].reshape(last - first, *grid.shape[1:])[...] = grid[first:last]
     if tail:
         _copy_range(grid[last], leading_dims - 1, 0, tail, target[len(target) - tail :])
-
-
-class RayRows(NamedTuple):
-    """Rays in contiguous arrays, as loops take them.
-
-    An array with a single row holds it for all rays.
-
-    Attributes
-    ----------
-    origins, directions : (n, 3) or (1, 3), both float32 or both float64, the file's coordinates
-    t_min, t_max : (n,) or (1,) float64, lengths of the direction
-    """
-
-    origins: NDArray[Any]
-    directions: NDArray[Any]
-    t_min: NDArray[np.float64]
-    t_max: NDArray[np.float64]
-
-    def as_arguments(self) -> tuple[Any, ...]:
-        """Return what loops are told of rays, see cl/rays/rows.cl."""
-        doubles = (self.origins.itemsize == _FLOAT64.itemsize) + 2 * (self.directions.itemsize == _FLOAT64.itemsize)
-        each_limit = (len(self.t_min) > 1) + 2 * (len(self.t_max) > 1)
-        return (
-            self.origins, _step_of(self.origins), self.directions, _step_of(self.directions), doubles,
-            self.t_min, self.t_max, each_limit,
-        )  # fmt: skip
-
-
-def _step_of(rows: NDArray[Any]) -> int:
-    """Return the bytes from the row of a ray to the next, 0 if all rays share one."""
-    return rows.strides[0] if len(rows) > 1 else 0
 
 
 def check_room(count: int, bytes_of_each: int, subject: str = "rays") -> None:

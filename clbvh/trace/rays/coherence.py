@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ...device.host.loops import Loops
 from ..world.tree_box import TreeBox
-from .batch import RayBatch, RayRows
+from .batch import RayBatch
 
 # Cells along each axis of the box where six numbers make a key, those of the entry and of the exit: 4 bits of it.
 CELLS_PER_AXIS = 16
@@ -65,7 +65,7 @@ _PENCIL_SHARE = 1 / FINE_CELLS_PER_AXIS
 def is_scattered(batch: RayBatch, begin: int, end: int, box: TreeBox) -> bool:
     """Say whether rays `begin` to `end` take different ways; the rays need not be valid."""
     shares = np.empty(3)
-    _LOOPS.measure_apart(*_sample_pairs(batch, begin, end).as_arguments(), make_grid(box), 2 * _SAMPLES, shares)
+    _LOOPS.measure_apart(_sample_pairs(batch, begin, end).addresses, 0, make_grid(box), 2 * _SAMPLES, shares)
     entries, exits, far_entries = shares
     # Rays that leave a surface in all directions, point after point, share the nodes around it: sorting them gains
     # nothing. Rays from one eye inside the box all enter it in one cell, in any order.
@@ -77,10 +77,10 @@ def is_pencil(batch: RayBatch, begin: int, end: int, box: TreeBox) -> bool:
 
     Shuffled rays of a camera are such a pencil. The rays need not be valid.
     """
-    rays = _sample_pairs(batch, begin, end)
+    origins, directions, *_ = _sample_pairs(batch, begin, end).arrays
     with np.errstate(all="ignore"):
-        directions = rays.directions / np.linalg.norm(rays.directions, axis=1, keepdims=True)
-        spread = np.ptp(rays.origins, axis=0).max() * box.scale
+        directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        spread = np.ptp(origins, axis=0).max() * box.scale
         turn = np.ptp(directions, axis=0).max()
     # Written so that NaN is none.
     return bool(spread <= _PENCIL_SHARE * box.half.max() or turn <= _PENCIL_SHARE)
@@ -91,10 +91,10 @@ def spread_samples(begin: int, end: int, count: int) -> NDArray[np.int64]:
     return begin + (np.arange(count) * _GOLDEN % 1.0 * (end - begin)).astype(np.int64)
 
 
-def _sample_pairs(batch: RayBatch, begin: int, end: int) -> RayRows:
+def _sample_pairs(batch: RayBatch, begin: int, end: int) -> RayBatch:
     """Return neighbours among rays `begin` to `end`, a pair after the other."""
     firsts = spread_samples(begin, end - 1, _SAMPLES)
-    return batch.take(np.stack((firsts, firsts + 1), axis=1).reshape(-1)).rows.part(0, 2 * _SAMPLES)
+    return batch.take(np.stack((firsts, firsts + 1), axis=1).reshape(-1))
 
 
 KeyOrder: TypeAlias = Callable[[int, Callable[[int, int, NDArray[np.int32]], object]], NDArray[np.int32]]
@@ -110,10 +110,8 @@ def sort_rays(
     """
     grid = make_grid(box, FINE_CELLS_PER_AXIS if is_pencil else CELLS_PER_AXIS)
 
-    rows = batch.rows
-
     def make_keys(first: int, last: int, keys: NDArray[np.int32]) -> None:
-        _LOOPS.write_keys(*rows.part(begin + first, begin + last).as_arguments(), grid, is_pencil, keys)
+        _LOOPS.write_keys(batch.addresses, begin + first, grid, is_pencil, keys)
 
     return order_by_keys(end - begin, make_keys)
 
@@ -121,9 +119,6 @@ def sort_rays(
 # Shorter rows, or fewer of them, are hardly larger than a tile.
 _LEAST_ROW_LENGTH = 32
 _LEAST_ROWS = 16
-
-# Rays that are searched where parts of the batch have to be copied.
-_MOST_COPIED = 1 << 20
 
 
 def is_picture_size(row_length: int, row_count: int) -> bool:
@@ -141,7 +136,4 @@ def find_row_length(batch: RayBatch) -> int | None:
     """
     if batch.ray_count < _LEAST_ROW_LENGTH * _LEAST_ROWS:
         return None
-    rows = batch.rows
-    ray_count = batch.ray_count if rows.is_contiguous else min(batch.ray_count, _MOST_COPIED)
-    rays = RayRows(*rows.vectors(0, ray_count), *[np.zeros(1)] * 2)  # limits do not matter, and might be copied
-    return _PICTURES.find_row_length(*rays.as_arguments(), ray_count, _LEAST_ROW_LENGTH, _LEAST_ROWS) or None
+    return _PICTURES.find_row_length(batch.addresses, 0, batch.ray_count, _LEAST_ROW_LENGTH, _LEAST_ROWS) or None

@@ -14,7 +14,7 @@ from ...device.host.loops import Loops
 from ...errors import QueryError
 from ...structs import PACKED_RAY, RAY_LOW
 from ..world.tree_box import TreeBox
-from .batch import Broadcast, RayBatch, RayRows, too_far
+from .batch import RayBatch, too_far
 
 _LOOPS = Loops("rays/pack")
 
@@ -27,7 +27,6 @@ _SAMPLED_ORIGINS = 16
 
 def pack_rays(
     batch: RayBatch,
-    rays: RayRows,
     box: TreeBox,
     packed: NDArray[np.void],
     *,
@@ -41,15 +40,11 @@ def pack_rays(
     Parameters
     ----------
     batch : RayBatch
-        For messages: the rays as the user gave them.
-    rays : RayRows
-        A part of the batch.
     box : TreeBox
     packed : (n,) `structs.PACKED_RAY`, written
     order : (n,) int32, optional
-        Rays to write, by their indices in the part; all in their own order without it.
+        Rays to write, counted from the first one; all from there on, in their own order, without it.
     first_ray : int, optional
-        Index of the part's first ray in the batch.
     lows : (n,) `structs.RAY_LOW` or `structs.EXACT_RAY`, optional, written
         For the rays of a scene, or of a world that spans scales.
     shared_low : (1,) `structs.RAY_LOW`, optional
@@ -67,7 +62,7 @@ def pack_rays(
         A value is not finite, a direction has length zero, or an origin's distance in sizes of the mesh is beyond
         float64; the message names the first bad ray.
     """
-    given, numbers = rays.as_arguments(), box.as_numbers()
+    given, numbers = (batch.addresses, first_ray), box.as_numbers()
     of_rays = lows if lows is not None and lows.dtype == RAY_LOW else None
     bad = _LOOPS.write_packed(*given, numbers, order, packed, of_rays, lows if of_rays is None else None, shared_low)
     if bad == _NOT_SHARED:
@@ -78,14 +73,12 @@ def pack_rays(
         bad = _LOOPS.write_packed(*given, numbers, None, whole, None, None, None)
     if bad != _ALL_GOOD:
         raise explain_bad_ray(batch, first_ray + bad)
-    if lows is not None:
-        lows["mask"] = _masks_of(batch.rows.mask, first_ray, order, len(packed))
     return True
 
 
 def check_rays(batch: RayBatch, box: TreeBox, begin: int, end: int) -> None:
     """Raise as `pack_rays` for rays `begin` to `end`."""
-    pack_rays(batch, batch.rows.part(begin, end), box, np.empty(end - begin, PACKED_RAY), first_ray=begin)
+    pack_rays(batch, box, np.empty(end - begin, PACKED_RAY), first_ray=begin)
 
 
 def find_shared_low(
@@ -117,24 +110,15 @@ def find_shared_low(
         if (sample != sample[0]).any():
             return None
     packed, low = np.empty(1, PACKED_RAY), np.zeros(1, RAY_LOW)
-    pack_rays(batch, rows.part(begin, begin + 1), box, packed, first_ray=begin, lows=low)
+    pack_rays(batch, box, packed, first_ray=begin, lows=low)
     low["direction"] = 0.0
     return low
-
-
-def _masks_of(masks: Broadcast, first_ray: int, order: NDArray[np.int32] | None, count: int) -> NDArray[np.uint32]:
-    """Return the masks of rays that are packed, (n,) or (1,)."""
-    if masks.is_one:
-        return masks.items
-    if order is None:
-        return masks.part(first_ray, first_ray + count, masks.items.dtype)
-    return masks.take(first_ray + order.astype(np.int64)).items
 
 
 def explain_bad_ray(batch: RayBatch, ray_id: int) -> QueryError:
     """Return the error for a bad ray."""
     rows = batch.rows
-    (origin,), (direction,) = rows.vectors(ray_id, ray_id + 1)
+    (origin,), (direction,) = (rows[lane].part(ray_id, ray_id + 1, rows[lane].items.dtype) for lane in range(2))
     subjects = rows.origins.subject("origins", ray_id), rows.directions.subject("directions", ray_id)
     for subject, values in zip(subjects, (origin, direction), strict=True):
         if not np.isfinite(values).all():

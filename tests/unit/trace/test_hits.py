@@ -145,7 +145,7 @@ def test_a_hit_beside_its_triangle_moves_onto_it():
         for length in (1.0, 3.0):
             rays = read_rays(np.array([[x, y, 3.0]]), np.array([[0, 0, -length]]), 0.0, np.inf)
             hits = RefinedHits.make(1)
-            refine_closest(rays.rows.part(0, 1), lone_arrays(mesh), np.zeros(1, HIT), hits)
+            refine_closest(rays, 0, lone_arrays(mesh), np.zeros(1, HIT), hits)
             np.testing.assert_allclose([hits.u[0], hits.v[0]], [u, v], rtol=0, atol=1e-9, err_msg=f"{x}, {y}")
             assert min(hits.u[0], hits.v[0], 1 - hits.u[0] - hits.v[0]) >= 0
             assert hits.t[0] == pytest.approx(3 / length)
@@ -160,7 +160,7 @@ def test_a_ray_in_the_plane_of_its_triangle_is_hit_where_it_passes():
     mesh = Mesh.from_arrays(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
     found, hits = np.zeros(count, HIT), RefinedHits.make(count)
     found["prim_id"] = np.arange(count)
-    refine_closest(rays.rows.part(0, count), lone_arrays(mesh), found, hits)
+    refine_closest(rays, 0, lone_arrays(mesh), found, hits)
     shares = np.stack((1 - hits.u - hits.v, hits.u, hits.v), axis=1)
     away = np.einsum("nc,ncx->nx", shares, corners) - starts - hits.t[:, None] * (targets - starts)
     assert np.linalg.norm(away, axis=1).max() < 1e-9

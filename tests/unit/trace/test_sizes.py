@@ -166,7 +166,7 @@ def test_a_far_origin_advances_by_whole_steps():
         targets = np.random.default_rng(5).integers(-(2**18), 2**18, (100, 3)) * 2.0**-18
         packed = np.zeros(len(targets), PACKED_RAY)
         rays = read_rays(targets - 1_000_003 * np.float64(step), np.float64(step), 0.0, np.inf)
-        pack_rays(rays, rays.rows.part(0, len(targets)), TreeBox.around(bvh), packed)
+        pack_rays(rays, TreeBox.around(bvh), packed)
         advanced = packed["t_max"] > 0
         assert advanced.mean() > 0.9
         left = (targets[advanced] - packed["origin"][advanced] / bvh.mesh.scale) / step
