@@ -43,7 +43,8 @@ typedef struct {
     ray_rest_t rest[MOST_TILE_RAYS];
 #endif
 #if HAS_ENTRY_POINTS
-    node_t entry_point;
+    // Rays load its lanes as whole vectors, see math/lanes.cl, and a node is aligned to less by itself.
+    node_t entry_point __attribute__((aligned(sizeof(lanes_t))));
 #if !LONE
     tile_t tile;
 #endif

@@ -8,6 +8,7 @@ import pytest
 from clbvh import DeviceMemoryError, InternalError, Tracer
 from clbvh.device.host import compile, library
 from clbvh.device.open import open_device
+from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUTS
 
 from ...packing import device_packs
 
@@ -21,6 +22,18 @@ SOURCE = (
 }
 """
 )
+
+# Of rays that the host casts together, see cl/on_host/world/rays.cl.
+BATCH_SOURCE = """
+#include "on_host/world/rays.cl"
+
+kernel void measure_batch(global int *rests)
+{
+    rests[0] = __alignof__(batch_t) % sizeof(lanes_t);
+    rests[1] = (size_t)&((batch_t *)0)->entry_point % sizeof(lanes_t);
+    rests[2] = sizeof(node_t) % sizeof(lanes_t);
+}
+"""
 
 COUNT = 10_001
 
@@ -49,6 +62,17 @@ def test_every_item_runs_once(host, scale_rows, size, group):
     host.download(buffer, found)
     np.testing.assert_array_equal(found, 3 * values)
     assert host.times.sums_ms()["kernel"] > 0
+
+
+@pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
+@pytest.mark.parametrize("macros", [{"LONE": 1}, {"LONE": 1, "EXACT": 1}, {"LONE": 0, "HAS_SPHERES": 1}], ids=str)
+def test_an_entry_point_among_the_variables_of_a_kernel_has_the_alignment_of_vectors(host, tmp_path, layout, macros):
+    (tmp_path / "kernels").mkdir()
+    (tmp_path / "kernels" / "measure_batch.cl").write_text(BATCH_SOURCE)
+    macros = {"LAYOUT": LAYOUTS[layout], "STACK_SIZE": 32, "TOP_STACK_SIZE": 32} | macros
+    rests = np.full(3, -1, np.int32)
+    host.run(host.kernels("measure_batch", macros, folder=tmp_path)["measure_batch"], (1,), (1,), rests=rests)
+    assert rests.tolist() == [0, 0, 0]
 
 
 def test_the_first_arguments_of_a_kernel_may_be_given_once_for_many_launches(host, scale_rows):
