@@ -32,16 +32,16 @@ def normalize(vectors: NDArray[np.number]) -> tuple[NDArray[np.float32], NDArray
     Returns
     -------
     unit : (..., 3) float32
-        Those that are zero or not finite become (0, 0, 1).
+        Those that are zero or not finite become (0, 0, 1). In the order of C.
     has_direction : (...) bool
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         squares = np.einsum("...i,...i->...", vectors, vectors, dtype=np.float64)
         if (np.abs(squares - 1) < _UNIT_TOLERANCE).all():
-            return vectors.astype(np.float32), np.ones(squares.shape, np.bool_)
+            return vectors.astype(np.float32, order="C"), np.ones(squares.shape, np.bool_)
         # The squares of the rest may underflow or overflow.
         has_direction = (squares > _LEAST_SQUARE) & (squares < _MOST_SQUARE)
-        unit = (vectors / np.sqrt(squares)[..., None]).astype(np.float32)
+        unit = (vectors / np.sqrt(squares)[..., None]).astype(np.float32, order="C")
         if not has_direction.all():
             odd = np.asarray(vectors[~has_direction], np.float64)
             scaled = odd / np.abs(odd).max(axis=-1, keepdims=True)

@@ -175,3 +175,12 @@ def test_textures_are_found_under_the_names_of_other_machines_and_read_once(tmp_
     assert files.read("b.png", is_srgb=True) is files.read("cut.png", is_srgb=True) is None
     with pytest.warns(UserWarning, match=r"x\.obj: the texture b\.png .*; the texture cut\.png cannot be"):
         problems.warn("x.obj")
+
+
+def test_normals_in_any_order_of_memory_are_drawn():
+    normals = np.moveaxis(np.array([[[0.0, 0, 3]], [[0, 0, 4]], [[1, 1, 0]]]), 0, -1)  # x, y and z each on their own
+    for length in (1, 5):
+        looks = make_looks(normals=normals / np.linalg.norm(normals, axis=-1, keepdims=True) * length)
+        assert looks.normals.flags.c_contiguous
+        mesh = clbvh.Mesh.from_arrays(*TRIANGLE, appearance=looks)
+        clbvh.render(mesh, width=4, height=4, shading="studio", samples=1)
