@@ -33,6 +33,9 @@ _MOST_STRETCH = 1e-4
 
 _MOST_LIGHTS = 2**24
 
+# Rows of a table that kernels number.
+_MOST_ROWS = np.iinfo(np.int32).max
+
 
 @dataclass(frozen=True, eq=False)
 class LightTables:
@@ -226,6 +229,11 @@ def make_look_tables(looks: Looks, is_light: NDArray[np.bool_], crease_angle: fl
         Instances whose emitting primitives paths draw, see `find_lights`.
     crease_angle : float
         Degrees. Meshes without normals are shaded smoothly over edges that turn by less; 0: over none.
+
+    Raises
+    ------
+    SceneError
+        The shapes have more normals, colours, texture coordinates or texels than the device counts.
     """
     tables = _Tables(crease_angle)
     rows = np.zeros(len(looks.shapes), LOOK)
@@ -367,8 +375,14 @@ class _Tables:
 
     def _append(self, name: str, values: NDArray[Any]) -> int:
         begin = self._counts[name]
+        count = begin + len(values)
+        if count > _MOST_ROWS:
+            raise SceneError(
+                f"the table '{name}' of what surfaces look like has {count:,} numbers, and the device counts up to "
+                f"{_MOST_ROWS:,}: leave out texture coordinates, colours or normals"
+            )
         self._parts[name].append(values)
-        self._counts[name] += len(values)
+        self._counts[name] = count
         return begin
 
 
@@ -453,9 +467,8 @@ class TextureTables:
         textures = [texture for _, texture in self._textures.values()]
         rows = np.zeros(max(len(textures), 1), TEXTURE)
         counts = [texture.pixels.shape[0] * texture.pixels.shape[1] for texture in textures]
-        most = np.iinfo(np.int32).max
-        if sum(counts) > most:
-            raise SceneError(f"the textures have {sum(counts):,} pixels, and the device counts up to {most:,}")
+        if sum(counts) > _MOST_ROWS:
+            raise SceneError(f"the textures have {sum(counts):,} pixels, and the device counts up to {_MOST_ROWS:,}")
         first = 0
         for row, texture, count in zip(rows, textures, counts, strict=False):
             row["first_texel"], row["is_srgb"] = first, texture.is_srgb
