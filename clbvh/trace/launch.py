@@ -7,7 +7,8 @@ else is remembered from one call to the next, so calls of several threads do not
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from copy import copy
 from types import MappingProxyType
@@ -204,6 +205,36 @@ class Caster(ContextManager):
         """Give back the memory of calls that have ended; the world stays."""
         self.threads.close()
         self.calls.release_idle()
+
+
+def run_pieces(
+    caster: Caster, count: int, few: Any, cut: Callable[[Call], Iterable[Any]], work: Callable[[Any], object],
+    progress: Callable[[int, int], None] | None,
+) -> None:  # fmt: skip
+    """Call a function with all rays or points of a query, piece by piece; with few of them at once, without a call.
+
+    Parameters
+    ----------
+    caster : Caster
+    count : int
+        Rays or points.
+    few : piece or None
+        All of them, if they are few and the host takes them where they are.
+    cut : function
+        Yields the pieces in which a call takes them, and tells the user's progress.
+    work : function
+        Called with each piece; again with all of them, in smaller pieces, where the device has no room.
+    progress : function, optional
+        Called with the number of rays or points that are done, and of all.
+    """
+    if few is None:
+        caster.run(lambda call: deque(map(work, cut(call)), 0))
+    elif count:
+        caster.run_without_call(lambda: work(few))
+        if progress is not None:
+            progress(count, count)
+    else:
+        caster.calls.check_open()
 
 
 class Call(MemoryLoan):

@@ -29,16 +29,16 @@ from ..structs import FAR_POINT_SHARE, HIT, NO_PRIM, PACKED_RAY
 from ..support.context_manager import ContextManager
 from ..support.forks import make_lock
 from .hits.all_hits import OFFSET_BITS, OFFSET_MASK, find_crossings, keep_order, refine_rays, running_sums
-from .hits.closest import CLOSEST_HIT, NO_LIMIT, count_hits
+from .hits.closest import NO_LIMIT, count_hits
 from .hits.hits import AllHits, Hits
 from .hits.refine import LEAST_HITS, RefinedHits, refine_closest
+from .hits.search import CLOSEST_HIT, Rays, cast_rays
 from .hits.surface import Surface
-from .launch import Call, Caster, Query
+from .launch import Caster, Query
 from .points.batch import SeenPoints, take_points
 from .points.queries import POINT_BYTES
 from .points.refine import ClosestPoints, FoundPoints, refine_points
 from .points.search import Points, look_up
-from .put_rays import cut_batch, put_rays
 from .ray_queries import check_max_hits
 from .rays.batch import Broadcast, RayBatch, check_room, read_rays
 from .rays.pack import pack_rays
@@ -511,15 +511,14 @@ def _cast_closest(
 ) -> None:  # fmt: skip
     """Replace the hits of rays, the batch, by nearer ones in a shard; `rays` are their indices in the answers."""
 
-    def cast(call: Call) -> None:
-        for piece in cut_batch(call, batch):
-            with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
-                own = rays[piece.begin : piece.begin + len(found)]
-                is_nearer = _keep_nearer(found, own, prim_ids, device_t, hits.prim_id)
-                refine = partial(_refine, caster, batch, piece.begin, found, own, is_nearer, hits)
-                call.threads.for_ranges(len(found), refine, least_items=LEAST_HITS)
+    def find(part: Rays) -> None:
+        with part.find(CLOSEST_HIT) as found:
+            own = rays[part.piece.begin : part.piece.begin + len(found)]
+            is_nearer = _keep_nearer(found, own, prim_ids, device_t, hits.prim_id)
+            refine = partial(_refine, caster, batch, part.piece.begin, found, own, is_nearer, hits)
+            caster.threads.for_ranges(len(found), refine, least_items=LEAST_HITS)
 
-    caster.run(cast)
+    cast_rays(caster, batch, find)
 
 
 def _keep_nearer(

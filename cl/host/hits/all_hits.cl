@@ -34,19 +34,19 @@ static int prim_of_words(const long *words)
 // instead, unless `is_enough`. Returns the number of hits copied.
 //
 // kept[ray_count][slots][words]    what the device found
-// users[ray_count]    the numbers of the rays among those of the user
+// ray_ids[ray_count]  the numbers of the rays
 // segment             of the hits, in the upper bits
 // crowded[ray_count]  written: rays whose slots are all taken; and in crowded_count[1] how many there are
-// counts[], sources[] written: of the user's rays
+// counts[], sources[] written, by the numbers of rays
 loop long compact(
-    const long *kept, const long slots, const long words, const long ray_count, const long users[ray_count],
-    const bool is_enough, const long segment, long *hits, long crowded[ray_count], long crowded_count[1], int *counts,
+    const long *kept, const long slots, const long words, const long ray_count, const int ray_ids[ray_count],
+    const bool is_enough, const long segment, long *hits, int crowded[ray_count], long crowded_count[1], int *counts,
     long *sources)
 {
     long hit_count = 0;
     crowded_count[0] = 0;
     for (long ray = 0; ray < ray_count; ray++) {
-        const long coming = users[min(ray + RAYS_AHEAD, ray_count - 1)];
+        const int coming = ray_ids[min(ray + RAYS_AHEAD, ray_count - 1)];
         WILL_WRITE(counts + coming);
         WILL_WRITE(sources + coming);
         const long *own = kept + ray * slots * words;
@@ -58,11 +58,11 @@ loop long compact(
             continue;
         }
         if (count == slots && !is_enough) {
-            crowded[crowded_count[0]++] = users[ray];
+            crowded[crowded_count[0]++] = ray_ids[ray];
             continue;
         }
-        counts[users[ray]] = (int)count;
-        sources[users[ray]] = segment | hit_count;
+        counts[ray_ids[ray]] = (int)count;
+        sources[ray_ids[ray]] = segment | hit_count;
         for (long word = 0; word < count * words; word++) {
             hits[hit_count * words + word] = own[word];
         }

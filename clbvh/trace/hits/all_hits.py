@@ -8,29 +8,21 @@ device.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...device.host.loops import Loops
-from ..launch import Call, Caster, Query
-from ..put_rays import cut_batch, put_rays
+from ..launch import Caster
 from ..rays.batch import RayBatch, check_room
-from ..rays.pieces import Progress, RayPiece
+from ..rays.pieces import Progress
 from ..world.surface_arrays import SurfaceArrays
-from .closest import are_few, cast_on_host
 from .hits import AllHits
 from .refine import LEAST_HITS, RefinedHits
+from .search import FIRST_HITS, Rays, cast_rays, only_rays, split_rays
 from .surface import Surface
-
-FIRST_HITS = Query("first_hits", "hits")
-
-# Hits on the device at a time: 32 MiB. A single ray with more gets the room it needs.
-MOST_SLOTS = 2**21
 
 # Slots of each ray in the first round, and their growth from round to round. Few rays of real meshes need a second one.
 FIRST_SLOTS = 8
@@ -71,10 +63,8 @@ class Crossings(NamedTuple):
 class _Search:
     """A search for crossings: the request, and the results so far; see `Crossings`."""
 
-    caster: Caster
-    call: Call | None  # None of few rays on the host
     max_hits: int | None
-    progress: Progress | None
+    most_slots: int
     counts: NDArray[np.int32]
     sources: NDArray[np.int64]
     segments: list[NDArray[np.int64]] = field(default_factory=list)
@@ -84,27 +74,12 @@ def find_crossings(caster: Caster, batch: RayBatch, max_hits: int | None, progre
     """Return the crossings of each ray, the nearest `max_hits` at most."""
     count, dtype = batch.ray_count, caster.world.hit_dtype
     check_room(count, _RAY_BYTES)
-    counts, sources = np.zeros(count, np.int32), np.zeros(count, np.int64)
-    segments: list[NDArray[np.int64]] = []
+    # One slot more than a ray can have crossings is never taken.
+    search = _Search(max_hits, caster.world.most_hits + 1, np.zeros(count, np.int32), np.zeros(count, np.int64))
+    slots = min(FIRST_SLOTS, search.most_slots)
+    cast_rays(caster, batch, lambda rays: _search(search, rays, slots), progress, slots)
 
-    def cast(call: Call | None) -> None:
-        nonlocal segments
-        search = _Search(caster if call is None else call.caster, call, max_hits, progress, counts, sources)
-        # One slot more than a ray can have crossings is never taken.
-        most_slots = search.caster.world.most_hits + 1
-        slots = min(FIRST_SLOTS, most_slots)
-        crowded = _search_round(search, batch, None, slots)
-        # Only the first round has the shape of a picture, and the user's progress.
-        search.progress = None
-        while len(crowded) > 0:
-            slots = min(slots * SLOT_GROWTH, most_slots)
-            crowded = _search_round(search, batch.take(crowded), crowded, slots)
-        segments = search.segments
-
-    if are_few(caster, batch):
-        caster.run_without_call(partial(cast, None))
-    else:
-        caster.run(cast)
+    segments = search.segments
     segment_begins = running_sums(np.array([len(segment) for segment in segments], np.int64))
     found = segments[0] if len(segments) == 1 else np.empty((segment_begins[-1], dtype.itemsize // 8), np.int64)
 
@@ -113,56 +88,31 @@ def find_crossings(caster: Caster, batch: RayBatch, max_hits: int | None, progre
 
     if len(segments) > 1:
         caster.threads.run(join, list(zip(segment_begins[:-1].tolist(), segments, strict=True)))
-    return Crossings(counts, sources, segment_begins, found.view(dtype).reshape(-1))
+    return Crossings(search.counts, search.sources, segment_begins, found.view(dtype).reshape(-1))
 
 
-def _search_round(search: _Search, batch: RayBatch, ray_ids: NDArray[np.int64] | None, slots: int) -> NDArray[np.int64]:
-    """Find the nearest crossings of a batch, and return the indices of rays whose slots are all taken.
-
-    `ray_ids` are the indices of the rays among the user's; None where they are the user's.
-    """
-    wanted, dtype = slots if search.max_hits is None else min(slots, search.max_hits), search.caster.world.hit_dtype
-    crowded = [np.empty(0, np.int64)]
-    for piece, kept in _cast_first(search, batch, wanted):
-        crowded += _compact_piece(search, piece, ray_ids, kept.view(np.int64).reshape(-1, wanted, dtype.itemsize // 8))
-    return np.concatenate(crowded)
+def _search(search: _Search, rays: Rays, slots: int) -> None:
+    """Find the nearest crossings of a piece of rays, and more of those whose slots are all taken."""
+    wanted = slots if search.max_hits is None else min(slots, search.max_hits)
+    for part in split_rays(rays, wanted):
+        with part.find(FIRST_HITS, wanted) as kept:
+            crowded = _compact(search, part, kept.view(np.int64).reshape(-1, wanted, kept.dtype.itemsize // 8))
+        if len(crowded):
+            _search(search, only_rays(part, crowded), min(slots * SLOT_GROWTH, search.most_slots))
 
 
-def _cast_first(search: _Search, batch: RayBatch, slots: int) -> Iterator[tuple[RayPiece, NDArray[np.void]]]:
-    """Yield the pieces of a batch with the first hits of each ray, which are valid until the next one."""
-    caster, call, count = search.caster, search.call, batch.ray_count
-    if call is None:
-        most_rays = max(1, MOST_SLOTS // slots)
-        for first in range(0, count, most_rays):
-            piece = RayPiece(first, min(first + most_rays, count))
-            kept = np.empty(piece.ray_count * slots, caster.world.hit_dtype)
-            cast_on_host(caster, FIRST_HITS, batch, piece, [kept], slots)
-            yield piece, kept
-            if search.progress is not None:
-                search.progress(piece.end, count)
-        return
-    most_rays = max(1, call.fit(call.world.hit_dtype, MOST_SLOTS) // slots)
-    for piece in cut_batch(call, batch, most_rays=most_rays, progress=search.progress):
-        packed = put_rays(call, batch, piece, in_ray_order=False)
-        with call.cast(FIRST_HITS, packed, results_per_item=slots, slots=np.int32(slots)) as kept:
-            yield piece, kept
+def _compact(search: _Search, rays: Rays, kept: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Add the hits of a piece to the search, without gaps; return its crowded rays, counted from its begin."""
+    slots, words, threads = kept.shape[1], kept.shape[2], rays.caster.threads
+    ray_ids = rays.piece.ray_ids()
+    counts, sources = search.counts[rays.piece.begin :], search.sources[rays.piece.begin :]
 
-
-def _compact_piece(
-    search: _Search, piece: RayPiece, ray_ids: NDArray[np.int64] | None, kept: NDArray[np.int64]
-) -> list[NDArray[np.int64]]:
-    """Add the hits of a piece to the search, without gaps; return the indices of its crowded rays, in parts."""
-    slots, words, threads = kept.shape[1], kept.shape[2], search.caster.threads
-    users = (
-        piece.begin + piece.ray_ids().astype(np.int64) if ray_ids is None else ray_ids[piece.begin + piece.ray_ids()]
-    )
-
-    def compact(segment: int, first: int, last: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        hits, crowded = np.empty(((last - first) * slots, words), np.int64), np.empty(last - first, np.int64)
+    def compact(segment: int, first: int, last: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+        hits, crowded = np.empty(((last - first) * slots, words), np.int64), np.empty(last - first, np.int32)
         crowded_count = np.empty(1, np.int64)
         hit_count = _LOOPS.compact(
-            kept[first:last], slots, words, users[first:last], slots == search.max_hits, segment << OFFSET_BITS,
-            hits, crowded, crowded_count, search.counts, search.sources,
+            kept[first:last], slots, words, ray_ids[first:last], slots == search.max_hits, segment << OFFSET_BITS,
+            hits, crowded, crowded_count, counts, sources,
         )  # fmt: skip
         # Most slots are empty: their memory is given back.
         hits.resize((hit_count, words), refcheck=False)
@@ -171,7 +121,7 @@ def _compact_piece(
     ranges = threads.ranges(len(kept), LEAST_HITS)
     parts = threads.run(compact, [(len(search.segments) + part, *bounds) for part, bounds in enumerate(ranges)])
     search.segments += [hits for hits, _ in parts]
-    return [crowded for _, crowded in parts]
+    return parts[0][1] if len(parts) == 1 else np.concatenate([crowded for _, crowded in parts])
 
 
 def running_sums(counts: NDArray[np.integer]) -> NDArray[np.int64]:

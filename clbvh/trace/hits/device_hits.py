@@ -14,8 +14,9 @@ from ..launch import Call, Caster
 from ..put_rays import cut_batch, put_rays
 from ..rays.batch import RayBatch, check_room
 from ..rays.pieces import Progress
-from .closest import CLOSEST_HIT, HIT_BYTES
+from .closest import HIT_BYTES
 from .hits import Hits
+from .search import CLOSEST_HIT
 from .surface import Surface
 
 

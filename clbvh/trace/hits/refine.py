@@ -39,11 +39,11 @@ class RefinedHits(NamedTuple):
         return cls(t, u, v, is_front, np.empty(shape, np.int32), np.empty(0 if is_lone else shape, np.int32))
 
     def part(self, begin: int, end: int) -> RefinedHits:
-        """Return views for some of the hits."""
+        """Return views for some of the hits, (n,) but for those of all."""
         if end - begin == self.t.size:  # views would cost a call with one ray 3 % of its time
             return self
         part = slice(begin, end)
-        return RefinedHits(*(values[part] for values in self))  # type: ignore[arg-type]
+        return RefinedHits(*(values.reshape(-1)[part] for values in self))  # type: ignore[arg-type]
 
     def reshape(self, *shape: int) -> RefinedHits:
         """Return views of another shape."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...device.host.library import find_addresses
 from ...structs import PACKED_POINT, WORLD_PRIM
 from ..host_items import ALL_GOOD, HostItems, begin_at
-from ..launch import Batch, Call, Caster, Query
+from ..launch import Batch, Call, Caster, Query, run_pieces
 from ..rays import pieces
 from ..rays.pieces import Progress
 from ..world.metrics import Metrics
@@ -249,7 +249,7 @@ def look_up(
     caster: Caster, seen: SeenPoints, work: Callable[[Points], object], progress: Progress | None = None,
     most_points: int = 0,
 ) -> None:  # fmt: skip
-    """Call a function with all points, piece by piece; on the host with few of them at once, without a call.
+    """Call a function with all points, piece by piece; see `run_pieces`.
 
     Parameters
     ----------
@@ -258,29 +258,20 @@ def look_up(
     work : function
         Looks up a `HostPoints` or a `DevicePoints`.
     progress : function, optional
-        Called with the number of points that are done, and of all points, after each piece.
     most_points : int
         Of a piece; `CHUNK_RAYS` without it.
     """
     count, most = seen.count, min(most_points or pieces.CHUNK_RAYS, pieces.CHUNK_RAYS)
-    are_few = count <= most and count < pack.LEAST_POINTS and seen.instance_ids is None
-    if are_few and caster.session.info.is_host:
-        caster.run_without_call(partial(_look_up_few, caster, seen, work))
-        if count and progress is not None:
-            progress(count, count)
-        return
 
-    def cast(call: Call) -> None:
+    def cut(call: Call) -> Iterator[Points]:
         here, own = _choose_world(call, seen)
         for begin, end in pack.cut_points_of(call, PACKED_POINT, count, progress, most_points=most):
-            work(_take_piece(here, own, begin, end))
+            yield _take_piece(here, own, begin, end)
 
-    caster.run(cast)
-
-
-def _look_up_few(caster: Caster, seen: SeenPoints, work: Callable[[Points], object]) -> None:
-    if seen.count:
-        work(HostPoints(caster, seen, PointPiece(0, seen.count)))
+    are_few = count <= most and count < pack.LEAST_POINTS and seen.instance_ids is None
+    are_few = are_few and caster.session.info.is_host
+    all_points = HostPoints(caster, seen, PointPiece(0, count)) if are_few else None
+    run_pieces(caster, count, all_points, cut, work, progress)
 
 
 def _choose_world(call: Call, seen: SeenPoints) -> tuple[Call, SeenPoints]:

@@ -61,7 +61,6 @@ def test_threads_share_the_hits(tracer, mesh, monkeypatch):
     assert len(expected) > 40000
     monkeypatch.setattr(module, "LEAST_HITS", 1000)
     monkeypatch.setattr(tracer._caster.threads, "count", 5)
-    monkeypatch.setattr(module, "_MOST_RAYS", 777)
     for with_locations in (False, True):
         hits = tracer.all_hits(*map(np.asfortranarray, rays), with_locations=with_locations)
         for field in (*FIELDS, "offsets", "locations"):

@@ -9,6 +9,7 @@ from clbvh import Tracer, make_shape
 from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.trace import put_rays
 from clbvh.trace.hits import all_hits as all_hits_module
+from clbvh.trace.hits import search
 from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.rays.coherence import sort_rays
@@ -135,7 +136,7 @@ def test_no_answer_depends_on_it(tracer, rays, monkeypatch):
     monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
     # And so that the sorted rays are cast in several pieces, the last one of one ray.
     monkeypatch.setattr(pieces, "CHUNK_RAYS", len(rays[0]) - 1)
-    monkeypatch.setattr(all_hits_module, "MOST_SLOTS", 700)
+    monkeypatch.setattr(search, "MOST_SLOTS", 700)
     monkeypatch.setattr(pieces, "is_scattered", lambda *arguments: orders.append(arguments) or True)
     assert ask(tracer, rays) == expected
     assert len(orders) >= 5
