@@ -8,8 +8,7 @@ import pytest
 from clbvh import Tracer, make_shape
 from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.trace import put_rays
-from clbvh.trace.hits import all_hits as all_hits_module
-from clbvh.trace.hits import search
+from clbvh.trace.hits import all_hits as all_hits_module, search
 from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.rays.coherence import sort_rays
