@@ -1,4 +1,4 @@
-"""What a tracer shares with its queries, and its changes: vertices and transforms that move between queries.
+"""The moves of a tracer: vertices, transforms and spheres that change between queries.
 
 How trees follow is in `world/changes.py`.
 """
@@ -17,18 +17,15 @@ from ..errors import ConfigError, SceneError
 from ..geometry import Mesh, Shape, Spheres
 from ..layouts.device_mesh import move_mesh
 from ..scene.handles import Geometry, Instances
-from ..support.context_manager import ContextManager
-from .launch import Call, Caster
+from .has_caster import HasCaster
+from .launch import Call
 from .world.changes import Changes
 from .world.world import World
 
 
-class Moves(ContextManager):
-    """A mesh or a scene on one device, with the methods of a `Tracer` that move it and tell where it is."""
+class Moves(HasCaster):
+    """The methods of a `Tracer` that move what it is at."""
 
-    # Each query reads it once, because a move replaces it.
-    _caster: Caster
-    _changes: Changes
     # Held by a move, so that two of them do not write at the same time.
     _updating: threading.RLock
 

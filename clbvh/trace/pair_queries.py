@@ -18,7 +18,7 @@ from ..structs import NO_PRIM
 from ..support.host_threads import cut_range
 from .clearance.triangles import TOUCH, measure_exactly
 from .clearance.walk import PAIR_BYTES, HostTrees, PairSearch, check_meshes, find_overlaps, place_pair
-from .moves import Moves
+from .has_caster import HasCaster
 from .rays.batch import check_room
 from .world.top_tree import find_boxes
 
@@ -62,7 +62,7 @@ class ClosestPair:
     instance_ids: NDArray[np.int32]
 
 
-class PairQueries(Moves):
+class PairQueries(HasCaster):
     """The queries of a `Tracer` whose arguments are instances."""
 
     # The trees that these queries walk; of a twin, its own.

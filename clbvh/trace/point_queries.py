@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ClbvhWarning, ConfigError, OpenMeshWarning
 from ..scene.handles import Geometry, Instances
+from .has_caster import HasCaster
 from .launch import Caster
-from .moves import Moves
 from .points.ambient_occlusion import Hemispheres, check_sampling, find_open_shares
 from .points.batch import SeenPoints
 from .points.queries import find_closest, find_contained, find_nearest_points, find_signed
@@ -22,7 +22,7 @@ from .points.refine import ClosestPoints
 from .rays.pieces import Progress
 
 
-class PointQueries(Moves):
+class PointQueries(HasCaster):
     """The queries of a `Tracer` whose arguments are points."""
 
     # Whether somebody was told that a mesh has no inside.

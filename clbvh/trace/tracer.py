@@ -24,6 +24,7 @@ from ..support.forks import make_lock
 from ..support.opened import digest_of, open_once
 from .clearance.walk import HostTrees
 from .launch import Caster
+from .moves import Moves
 from .pair_queries import PairQueries
 from .point_queries import PointQueries
 from .ray_queries import RayQueries
@@ -65,7 +66,7 @@ class Opening(NamedTuple):
     ref: Any = None
 
 
-class Tracer(RayQueries, PointQueries, PairQueries):
+class Tracer(RayQueries, PointQueries, PairQueries, Moves):
     """Casts rays at one mesh or scene on one device; a context manager.
 
     Any number of threads may use one tracer, and so may forked children on the host. On a device of OpenCL they cannot:

@@ -9,10 +9,10 @@
 // order[ray_count]    the points to look up, by their numbers; NULL: all in their own order
 // bad                 lowered to the number of a point that is not finite, or too far; it sees nothing
 //
-// What kernels write, where it is not their own, besides what the numbers of points tell the place of:
+// What kernels write, where it is not their own; the results are by the numbers of points, these by their places:
 //
-// hits[ray_count * slots], candidates[ray_count * slots]    overwritten, by the places of points in that order
-// is_crowded[ray_count]      written by the same: whether the slots of a point are too few
+// hits[ray_count * slots], candidates[ray_count * slots]    overwritten
+// is_crowded[ray_count]      written: whether the slots of a point are too few
 // slots                      at least `count`
 // is_single                  whether `count` is 1
 // count                      results per point
@@ -20,9 +20,9 @@
 // Work-items: (ray_count), rounded up to whole work-groups.
 
 #include "nearest/choose.cl"
-#include "points/point.cl"
 #include "nearest/refine.cl"
 #include "points/pack.cl"
+#include "points/point.cl"
 #include "rays/arrays.cl"
 #include "world/world.cl"
 
@@ -63,6 +63,7 @@ INLINED bool is_in_box(const double3 local_point, const double3 half_size)
     return sizes.x <= half_size.x && sizes.y <= half_size.y && sizes.z <= half_size.z;
 }
 
+// Declares what cl/world/points.cl does, and the point as the user `given` it.
 #define OPEN_POINT \
     const int place = get_global_id(0); \
     if (place >= ray_count) { \

@@ -103,6 +103,10 @@ class PointPiece(NamedTuple):
         """Number of points to look up."""
         return self.end - self.begin if self.order is None else len(self.order)
 
+    def point_ids(self) -> NDArray[np.int32]:
+        """Return (n,) int32: the points of the piece, counted from `begin`."""
+        return np.arange(self.end - self.begin, dtype=np.int32) if self.order is None else self.order
+
 
 def take_points(rows: Broadcast, begin: int, end: int, box: TreeBox) -> NDArray[Any]:
     """Return points `begin` to `end`, counted in C order, as loops take them: (n, 3), contiguous.

@@ -11,7 +11,7 @@ from ..rays.batch import check_room
 from ..rays.pieces import Progress
 from .batch import SeenPoints
 from .refine import ClosestPoints, FoundPoints
-from .search import CLOSEST_POINT, DEPTH, Points, look_up
+from .search import CLOSEST_POINT, DEPTH, Points, look_up, only_points, split_points
 
 # Distance, point and ids of a point.
 POINT_BYTES = 40
@@ -109,10 +109,10 @@ def find_nearest_points(
 
 
 def _choose(points: Points, count: int, slots: int, found: FoundPoints) -> None:
-    for part in points.split(max(1, _MOST_SLOTS // slots)):
+    for part in split_points(points, max(1, _MOST_SLOTS // slots)):
         crowded = part.choose(count, slots, found)
         if len(crowded):
-            _choose(points.only(crowded), count, slots * _SLOT_GROWTH, found)
+            _choose(only_points(points, crowded), count, slots * _SLOT_GROWTH, found)
 
 
 def _part_of(found: FoundPoints, points: Points) -> FoundPoints:

@@ -20,6 +20,7 @@ from ..launch import Batch, Call, Caster, Query, run_pieces
 from ..rays import pieces
 from ..rays.pieces import Progress
 from ..world.metrics import Metrics
+from ..world.surface_arrays import SurfaceArrays
 from ..world.top_tree import prune_top
 from ..world.tree_box import TreeBox
 from ..world.world import World, with_instances
@@ -58,22 +59,11 @@ class HostPoints(NamedTuple):
     seen: SeenPoints
     piece: PointPiece
 
-    def only(self, order: NDArray[np.int32]) -> HostPoints:
-        """Return the piece with only these points, counted from its begin."""
-        return self._replace(piece=self.piece._replace(order=order))
-
-    def split(self, most_points: int) -> Iterator[HostPoints]:
-        """Yield parts with at most so many points."""
-        if self.piece.point_count <= most_points:
-            yield self
-            return
-        order = find_order(self.piece)
-        for first in range(0, len(order), most_points):
-            yield self.only(order[first : first + most_points])
-
     def find(self, query: Query, found: FoundPoints) -> None:
         """Write the points of the primitives that a query finds."""
-        self._run(query, [*self._surplus(query), self._metrics.records, *self._surfaces, *found])
+        surfaces, metrics = self._hold()
+        arrays = metrics.records, surfaces.addresses, metrics.axes, metrics.half_lengths
+        self._run(query, [*self._surplus(query), *arrays, *found])
 
     def find_inside(self) -> NDArray[np.bool_]:
         """Return (n,) bool: whether something contains each point of the chunk."""
@@ -83,12 +73,14 @@ class HostPoints(NamedTuple):
 
     def choose(self, count: int, slots: int, found: FoundPoints) -> NDArray[np.int32]:
         """Write the nearest primitives of the points, and return those whose slots are too few."""
-        points = self.piece.point_count
+        points, (surfaces, metrics) = self.piece.point_count, self._hold()
         hits = np.empty(points * slots, self.caster.world.hit_dtype)
         candidates, is_crowded = np.empty(points * slots * _CANDIDATE_NUMBERS), np.empty(points, np.bool_)
-        arrays = [self._metrics.records, hits, candidates, is_crowded, *self._surfaces, *found]
-        self._run(_CLOSEST_POINTS, arrays, slots, count == 1, count)
-        return find_order(self.piece)[is_crowded] if is_crowded.any() else _NO_POINTS
+        arrays = surfaces.addresses, metrics.axes, metrics.half_lengths
+        self._run(
+            _CLOSEST_POINTS, [metrics.records, hits, candidates, is_crowded, *arrays, *found], slots, count == 1, count
+        )
+        return self.piece.point_ids()[is_crowded] if is_crowded.any() else _NO_POINTS
 
     def find_hits(self, query: Query) -> NDArray[np.void]:
         """Return (n,) structs: what a kernel of the name finds for each point of the chunk."""
@@ -96,13 +88,13 @@ class HostPoints(NamedTuple):
         self._run(query, [hits])
         return hits
 
-    @property
-    def _metrics(self) -> Metrics:
-        return self.caster.world.metrics.metrics
+    def _hold(self) -> tuple[SurfaceArrays, Metrics]:
+        """Return what a kernel is told of the world in float64, to be held until it returns.
 
-    @property
-    def _surfaces(self) -> list[NDArray[Any]]:
-        return [self.caster.world.arrays.addresses, self._metrics.axes, self._metrics.half_lengths]
+        Addresses are no reference, and another thread may have made other arrays.
+        """
+        world = self.caster.world
+        return world.arrays, world.metrics.metrics
 
     def _surplus(self, query: Query) -> tuple[Any, ...]:
         if query is CLOSEST_POINT:
@@ -112,8 +104,6 @@ class HostPoints(NamedTuple):
 
     def _run(self, query: Query, arrays: list[Any], *numbers: int) -> None:
         world, session = self.caster.world, self.caster.session
-        # Held until the kernel returns: their addresses are no reference, and another thread may have made others.
-        _surfaces = world.arrays
         points = _take_on_host(world, self.seen, self.piece)
         points.run(session, self.caster.kernel_at(world, query.kernel), arrays, *numbers)
 
@@ -155,38 +145,21 @@ class DevicePoints(NamedTuple):
     points: NDArray[Any]
     masks: NDArray[np.uint32]
 
-    def only(self, order: NDArray[np.int32]) -> DevicePoints:
-        """See `HostPoints`."""
-        return self._replace(piece=self.piece._replace(order=order))
-
-    def split(self, most_points: int) -> Iterator[DevicePoints]:
-        """See `HostPoints`."""
-        order = find_order(self.piece)
-        for first in range(0, len(order), most_points):
-            yield self.only(order[first : first + most_points])
-
     def find(self, query: Query, found: FoundPoints) -> None:
         """See `HostPoints`."""
-        order = find_order(self.piece)
+        world, order = self.call.world, self.piece.point_ids()
         surplus = {} if query is CLOSEST_POINT else self._put_surplus()
         with self.call.cast(query, self._put(order), metrics=self._put_metrics(), **surplus) as prims:
-            self.refine(order, prims, found, order)
 
-    def refine(
-        self, order: NDArray[np.int32], prims: NDArray[Any], found: FoundPoints, slots: NDArray[np.int32]
-    ) -> None:
-        """Write the points of primitives in parallel; see `refine_points`."""
-        world = self.call.world
+            def refine(first: int, last: int) -> None:
+                own = order[first:last], prims[first:last], found, order[first:last]
+                refine_points(self.points, world.arrays, world.metrics.metrics, world.box, *own)
 
-        def refine(first: int, last: int) -> None:
-            own = order[first:last], prims[first:last], found, slots[first:last]
-            refine_points(self.points, world.arrays, world.metrics.metrics, world.box, *own)
-
-        self.call.threads.for_ranges(len(order), refine)
+            self.call.threads.for_ranges(len(order), refine)
 
     def find_inside(self) -> NDArray[np.bool_]:
         """See `HostPoints`."""
-        is_inside, box, order = np.zeros(len(self.points), np.bool_), self.call.world.box, find_order(self.piece)
+        is_inside, box, order = np.zeros(len(self.points), np.bool_), self.call.world.box, self.piece.point_ids()
         is_in_box = np.abs((self.points - box.centre) * box.scale) <= box.half * _BOX_GROWTH
         order = order[np.logical_and.reduce(is_in_box, axis=1)[order]]
         if len(order):
@@ -196,7 +169,7 @@ class DevicePoints(NamedTuple):
 
     def choose(self, count: int, slots: int, found: FoundPoints) -> NDArray[np.int32]:
         """See `HostPoints`."""
-        world, order = self.call.world, find_order(self.piece)
+        world, order = self.call.world, self.piece.point_ids()
         most_points = max(1, self.call.fit(world.hit_dtype, len(order) * slots) // slots)
         crowded = [_NO_POINTS]
         for first in range(0, len(order), most_points):
@@ -215,7 +188,7 @@ class DevicePoints(NamedTuple):
 
     def find_hits(self, query: Query) -> NDArray[np.void]:
         """See `HostPoints`."""
-        order = find_order(self.piece)
+        order = self.piece.point_ids()
         with self.call.cast(query, self._put(order)) as found:
             hits = np.empty(len(order), found.dtype)
             hits[order] = found
@@ -240,9 +213,19 @@ _NO_POINTS = np.empty(0, np.int32)
 Points = HostPoints | DevicePoints
 
 
-def find_order(piece: PointPiece) -> NDArray[np.int32]:
-    """Return (n,) int32: the points of a piece, counted from its begin."""
-    return np.arange(piece.end - piece.begin, dtype=np.int32) if piece.order is None else piece.order
+def only_points(points: Points, order: NDArray[np.int32]) -> Points:
+    """Return a piece with only these points, counted from its begin."""
+    return points._replace(piece=points.piece._replace(order=order))
+
+
+def split_points(points: Points, most_points: int) -> Iterator[Points]:
+    """Yield parts of a piece with at most so many points."""
+    if points.piece.point_count <= most_points:
+        yield points
+        return
+    order = points.piece.point_ids()
+    for first in range(0, len(order), most_points):
+        yield only_points(points, order[first : first + most_points])
 
 
 def look_up(
