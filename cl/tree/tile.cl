@@ -5,14 +5,6 @@
 // GROUPED as 1: a work-group of GROUP_SIZE items has a tile, in local memory. As 0: one work-item has it, with the
 // clusters in vectors and without a barrier; CPUs are faster so. Both make the same tree.
 
-// BY_PREFIX as 1: clusters merge across the longest common prefix of their keys instead. But for the cuts between tiles
-// this makes the radix tree of Karras, "Maximizing parallelism in the construction of BVHs, octrees, and k-d trees"
-// (2012). It is here to be measured against.
-
-#ifndef BY_PREFIX
-#define BY_PREFIX 0
-#endif
-
 #include "tree/merges.cl"
 
 #define TILE_SIZE 512
@@ -73,19 +65,6 @@ INLINED bool is_late(const tile_range_t *range, const int round, const int count
     }
     return round >= MOST_ROUNDS || height + levels >= MOST_HEIGHT;
 }
-
-#if BY_PREFIX
-// The bits in which the last pair of a cluster and the next one differ: the smaller, the longer is their common prefix.
-// Primitives tell equal keys apart.
-INLINED ulong gap_behind(const tree_t *tree, const int cluster)
-{
-    int last = cluster;
-    while (!is_single(last)) {
-        last = tree->merges[last].right;
-    }
-    return tree->prims.pairs[~last] ^ tree->prims.pairs[~last + 1];
-}
-#endif
 
 // keep: one of them has merge_tile
 #if GROUPED

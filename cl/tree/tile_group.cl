@@ -40,13 +40,8 @@ INLINED int distance_of(const local tile_memory_t *tile, const int one, const in
     return (as_int(area) & ~TAG_MASK) | ((one ^ other) & TAG_MASK);
 }
 
-INLINED int nearest_neighbour(const tree_t *tree, const local tile_memory_t *tile, const int place, const int count)
+INLINED int nearest_neighbour(const local tile_memory_t *tile, const int place, const int count)
 {
-#if BY_PREFIX
-    const ulong before = place > 0 ? gap_behind(tree, tile->clusters[place - 1]) : ULONG_MAX;
-    const ulong behind = place < count - 1 ? gap_behind(tree, tile->clusters[place]) : ULONG_MAX;
-    return behind < before ? place + 1 : place - 1;
-#else
     int least = INT_MAX;
     for (int other = max(place - RADIUS, 0); other <= min(place + RADIUS, count - 1); other++) {
         if (other != place) {
@@ -54,7 +49,6 @@ INLINED int nearest_neighbour(const tree_t *tree, const local tile_memory_t *til
         }
     }
     return partner_of(place, least);
-#endif
 }
 
 // The sum of what the items before this one give.
@@ -103,7 +97,7 @@ INLINED void merge_tile(
         const bool is_paired = is_late(range, round, count, tile->height);
         for (int place = first; place < min(first + OWN, count); place++) {
             const int neighbour = (place ^ 1) < count ? place ^ 1 : place;
-            tile->partners[place] = is_paired ? neighbour : nearest_neighbour(tree, tile, place, count);
+            tile->partners[place] = is_paired ? neighbour : nearest_neighbour(tile, place, count);
         }
         barrier(CLK_LOCAL_MEM_FENCE);
 

@@ -49,16 +49,8 @@ INLINED row_t extent_of_both(const tile_memory_t *tile, const int axis, const in
 }
 
 // Set the partner of each cluster to its nearest neighbour.
-INLINED void find_partners(const tree_t *tree, tile_memory_t *tile, const int count)
+INLINED void find_partners(tile_memory_t *tile, const int count)
 {
-#if BY_PREFIX
-    ulong before = ULONG_MAX;
-    for (int place = 0; place < count; place++) {
-        const ulong behind = place < count - 1 ? gap_behind(tree, tile->clusters[place]) : ULONG_MAX;
-        tile->partners[place] = behind < before ? place + 1 : place - 1;
-        before = behind;
-    }
-#else
     // What lies beyond is farther than anything.
     for (int place = count; place < count + ROW + RADIUS; place++) {
         set_box(tile, place, (float3)(-FAR), (float3)(FAR));
@@ -87,7 +79,6 @@ INLINED void find_partners(const tree_t *tree, tile_memory_t *tile, const int co
         const int8 steps = ((place ^ least) - place) & TAG_MASK;
         *(int_row_t *)(tile->partners + first) = place + steps - ((steps & (TAG_MASK / 2 + 1)) << 1);
     }
-#endif
 }
 
 INLINED void pair_neighbours(tile_memory_t *tile, const int count)
@@ -121,7 +112,7 @@ INLINED void merge_tile(
         if (is_late(range, round, count, height)) {
             pair_neighbours(&tile, count);
         } else {
-            find_partners(tree, &tile, count);
+            find_partners(&tile, count);
         }
         // The merge takes the place of the first of both; the last round makes no more merges than are wanted.
         const int last_merge = merge + count - range->target;

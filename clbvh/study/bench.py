@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..builders.build import build
-from ..builders.device.build_device import ROWS, build_fast
-from ..builders.options import FAST_QUALITY, BuildOptions
+from ..builders.options import FAST_QUALITY
 from ..builders.processes.pool import SubtreePool
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
@@ -42,9 +41,6 @@ PHASE = "phase."
 # Linked nodes become an array because a `Bvh` is one; the report's variants of these names did not need that. Copying
 # the mesh to the workers' memory counts: threads share it anyway, but processes cannot do without.
 _NOT_COUNTED = "convert"
-
-# Binary trees that the device builds, by what papers call them.
-DEVICE_TREES = {"PLOC": ROWS, "LBVH": ROWS._replace(by_prefix=True)}
 
 _DIGEST_BYTES = 8
 
@@ -135,9 +131,8 @@ class Bench(ExitStack):
         values : dict of str to float
             ``build_ms``, wall time without the phase "convert", and each phase as ``phase.NAME_ms``.
         """
-        if builder in DEVICE_TREES:
-            wanted = BuildOptions(quality=FAST_QUALITY, **options)
-            bvh = build_fast(self.mesh(mesh), wanted, self.device, DEVICE_TREES[builder])
+        if builder == FAST_QUALITY:
+            bvh = build(self.mesh(mesh), quality=FAST_QUALITY, device=self.device, **options)
         else:
             bvh = build(self.mesh(mesh), pool=self.pool(workers or usable_cores()), builder=builder, **options)
         phases = {name: float(ms) for name, ms in bvh.timings_ms.items()}

@@ -57,13 +57,10 @@ class TreeForm(NamedTuple):
         Children of a node.
     as_rows : bool
         Nodes as a `Bvh` has them.
-    by_prefix : bool
-        The binary tree is a radix tree, see cl/tree/tile.cl.
     """
 
     width: int
     as_rows: bool = False
-    by_prefix: bool = False
 
     @property
     def node(self) -> np.dtype:
@@ -83,7 +80,7 @@ class TreeForm(NamedTuple):
         return self.width if self.width > 2 else 1
 
 
-ROWS = TreeForm(2, as_rows=True)
+_ROWS = TreeForm(2, as_rows=True)
 
 
 class BuiltTree(NamedTuple):
@@ -110,12 +107,7 @@ class BuiltTree(NamedTuple):
     upper: NDArray[np.float32]
 
 
-def build_fast(
-    shape: Bounded,
-    options: BuildOptions,
-    device: DeviceInfo | str | int | None = None,
-    form: TreeForm = ROWS,
-) -> Bvh:
+def build_fast(shape: Bounded, options: BuildOptions, device: DeviceInfo | str | int | None = None) -> Bvh:
     """Build on a device and download the tree.
 
     Returns
@@ -143,7 +135,7 @@ def build_fast(
             session.finish()
             watch.lap(phase)
 
-        tree = build_tree_on(session, DevicePrims(session, session, shape), options, form, lap)
+        tree = build_tree_on(session, DevicePrims(session, session, shape), options, _ROWS, lap)
         # Copied out of shared memory: 20 times as fast as a driver for CPUs fills new memory.
         with session.mapped(tree.nodes, tree.node_count, NODE, write=False) as mapped:
             nodes = mapped.copy()
@@ -204,7 +196,6 @@ class _Build:
             {
                 "TREE_WIDTH": form.width,
                 "AS_ROWS": int(form.as_rows),
-                "BY_PREFIX": int(form.by_prefix),
                 "GROUPED": int(is_grouped),
                 "GROUP_SIZE": self._merge_group[0],
             },

@@ -122,10 +122,9 @@ def _list_all() -> Iterator[Variant]:
         if world["LONE"]:
             yield Variant.of("closest_in_shard", world)
     widths = sorted(set(LAYOUT_WIDTHS.values()))
-    for width, as_rows, by_prefix in product(widths, (0, 1), (0, 1)):
+    for width, as_rows in product(widths, (0, 1)):
         if width == widths[0] or not as_rows:
-            form = {"TREE_WIDTH": width, "AS_ROWS": as_rows, "BY_PREFIX": by_prefix}
-            yield Variant.of("build_tree", form | _UNGROUPED)
+            yield Variant.of("build_tree", {"TREE_WIDTH": width, "AS_ROWS": as_rows} | _UNGROUPED)
     for width in widths:
         yield Variant.of("refit_nodes", {"TREE_WIDTH": width})
         block_width = width if width > widths[0] else 1

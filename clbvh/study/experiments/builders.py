@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ...builders.ladder.variants import VARIANTS
+from ...builders.options import FAST_QUALITY
 from ...stats import measure_tree
 from ...support.host_threads import usable_cores
-from ..bench import DEVICE_TREES, PHASE, Bench
+from ..bench import PHASE, Bench
 from ..experiment import Experiment, curve, published
 from ..ladder_work import count_ladder_work
 from ..machine import EVENTS, count_build, find_counter_problem
@@ -97,7 +98,7 @@ class Trees(Experiment):
     """
 
     def cases(self, scale: Scale) -> list[Case]:
-        return cross(mesh=map(scale.mesh, ("bunny", "dragon")), builder=("flat", _DEFAULT, *DEVICE_TREES))
+        return cross(mesh=map(scale.mesh, ("bunny", "dragon")), builder=("flat", _DEFAULT, FAST_QUALITY))
 
     def measure(self, bench: Bench, case: Case) -> Sample:
         bvh, values = bench.build(case["mesh"], case["builder"])

@@ -11,7 +11,7 @@ import pytest
 from clbvh import BuildOptions, ConfigError, DeviceError, Mesh, Spheres, build, make_shape, sah_cost, validate_tree
 from clbvh.builders.build import build_shape, suit_options
 from clbvh.builders.device import build_device
-from clbvh.builders.device.build_device import TreeForm, build_fast, build_tree_on
+from clbvh.builders.device.build_device import TreeForm, build_tree_on
 from clbvh.builders.device.passes import CLUSTERS_LEFT, TILE_SIZE, plan_passes
 from clbvh.device.radix_sort import CPU_PLAN, GPU_PLAN, SortPlan, sort_pairs
 from clbvh.geometry.corners import find_corners
@@ -25,9 +25,8 @@ from .shapes import SHAPES, copies, nested
 pytestmark = pytest.mark.on_both
 
 FAST = BuildOptions(quality="fast")
-RADIX = TreeForm(2, as_rows=True, by_prefix=True)
 DEVICE_LAYOUTS = ("bvh2", "bvh4", "bvh8")
-FORMS = [TreeForm(2, as_rows=True), RADIX, *map(TreeForm.of_layout, DEVICE_LAYOUTS)]
+FORMS = [TreeForm(2, as_rows=True), *map(TreeForm.of_layout, DEVICE_LAYOUTS)]
 
 
 @pytest.fixture
@@ -153,14 +152,6 @@ def leaves_of(merges):
     return found
 
 
-def split_by_definition(pairs, depth=0):
-    """Return the depth of each of the sorted pairs in a radix tree."""
-    if len(pairs) == 1:
-        return [depth]
-    middle = int(np.argmax(pairs >> np.uint64(int(pairs[0] ^ pairs[-1]).bit_length() - 1) & np.uint64(1)))
-    return [*split_by_definition(pairs[:middle], depth + 1), *split_by_definition(pairs[middle:], depth + 1)]
-
-
 def find_leaves(bvh):
     """Return the primitive and the depth of each leaf, in the order of `prim_ids`."""
     depths = np.zeros(len(bvh.nodes), int)
@@ -179,17 +170,6 @@ def test_nearest_neighbours_along_the_curve_are_merged(session, monkeypatch, key
         order = np.argsort(find_codes(boxes, 10 * keys), kind="stable")
         expected = [(order[place], depth) for place, depth in leaves_of(merge_by_definition(boxes[order]))]
         bvh = build(shape, quality="fast", leaf_size=1)
-        assert find_leaves(bvh) == expected
-
-
-def test_a_radix_tree_splits_where_keys_first_differ(session):
-    for shape in (make_soup(TILE_SIZE, 1, size=20), make_soup(300, 2, grid=5, copies=0.3), copies(100)):
-        codes = find_codes(box_corners(shape), 10)
-        order = np.argsort(codes, kind="stable")
-        expected = list(
-            zip(order, split_by_definition(codes[order] << np.uint64(32) | order.view(np.uint64)), strict=True)
-        )
-        bvh = build_fast(shape, BuildOptions(quality="fast", leaf_size=1), session.info, RADIX)
         assert find_leaves(bvh) == expected
 
 
