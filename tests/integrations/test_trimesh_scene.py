@@ -214,26 +214,3 @@ class TestChanges:
         for node in ("ring", "crate", "ball", "second ring"):
             graph.update(node, matrix=places[node])
         check_same(ray.intersects_first(*rays), (index_tri, index_node))
-
-    @pytest.mark.parametrize("is_done", [True, False])
-    @pytest.mark.parametrize("change", ["set_transforms", "set_vertices"])
-    def test_ctrl_c_in_a_change(self, ray, rays, monkeypatch, change, is_done):
-        before, method = ray.intersects_first(*rays), getattr(Tracer, change)
-
-        def interrupt(self, *arguments):
-            if is_done:
-                method(self, *arguments)
-            raise KeyboardInterrupt
-
-        monkeypatch.setattr(Tracer, change, interrupt)
-        box, vertices = ray.scene.geometry["box"], np.array(ray.scene.geometry["box"].vertices)
-        if change == "set_vertices":
-            box.vertices = vertices * 2
-        else:
-            ray.scene.graph.update("crate", matrix=TO([0, 0, 0]))
-        with pytest.raises(KeyboardInterrupt):
-            ray.intersects_first(*rays)
-        monkeypatch.undo()
-        box.vertices = vertices
-        ray.scene.graph.update("crate", matrix=TO([2.0, 0.3, 0]))
-        check_same(ray.intersects_first(*rays), before)

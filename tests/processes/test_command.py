@@ -1,11 +1,9 @@
-"""The command as a process: exit codes, Ctrl-C, first runs, what it imports, and how long `--help` takes."""
+"""The command as a process: exit codes, first runs, what it imports, and how long `--help` takes."""
 
 from __future__ import annotations
 
 import json
 import resource
-import signal
-import socket
 import subprocess
 import sys
 from importlib.metadata import version
@@ -98,27 +96,6 @@ def test_exit_codes(mesh, tmp_path):
     assert debug.returncode == 2
     assert debug.stderr.startswith("Traceback")
     assert debug.stderr.splitlines()[-1] == run_process(*gone).stderr.strip()
-
-
-def test_ctrl_c_in_a_download_is_exit_code_130_without_a_traceback(tmp_path):
-    # Python leaves Ctrl-C alone where the shell that started the tests ignores it, as it does for a background job.
-    interruptible = f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler); {MAIN}"
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        url = f"http://127.0.0.1:{server.getsockname()[1]}"
-        process = subprocess.Popen(
-            [sys.executable, "-c", interruptible, "fetch", "bunny", "--base-url", url],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env=make_environment(CLBVH_CACHE=str(tmp_path / "cache"), CLBVH_MESHES="", NO_PROXY="127.0.0.1"),
-            text=True,
-        )
-        server.settimeout(TIMEOUT_S)
-        connection, _ = server.accept()
-        with connection:
-            process.send_signal(signal.SIGINT)
-            output, errors = process.communicate(timeout=TIMEOUT_S)
-    assert (process.returncode, output, errors) == (130, "", "clbvh: interrupted\n")
-    assert list((tmp_path / "cache").iterdir()) == []
 
 
 @pytest.mark.usefixtures("session")
