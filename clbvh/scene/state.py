@@ -109,11 +109,6 @@ class SceneState:
             return None
         return self.shapes[self.geometry_ids[0]]
 
-    @property
-    def is_one_mesh(self) -> bool:
-        """Whether `lone_shape` is a mesh. Other geometries may be there, if nothing places them."""
-        return isinstance(self.lone_shape, Mesh)
-
     def check_ids(self, instance_ids: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return ids of the scene; raise `SceneError` unless their instances were there at this moment.
 

@@ -104,5 +104,5 @@ def test_moves_change_hits_also_of_one_mesh_in_its_place(opened):
     assert changes >= 2
     for seed in seeds(2):
         scene = make_scene(seed, ("ball",), ())
-        assert scene.state.is_one_mesh
+        assert scene.state.lone_shape is not None
         assert check(scene, ("bend", "shake", "all transforms", "bend", "shift"), opened, "auto")[1] >= 3

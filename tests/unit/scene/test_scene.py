@@ -180,18 +180,18 @@ def test_one_mesh_is_recognised():
     unseen = clbvh.Scene()
     unseen.add(BALL)
     assert unseen.is_empty
-    assert not unseen.snapshot().is_one_mesh
+    assert unseen.snapshot().lone_shape is None
     scene = clbvh.Scene(BALL)
     state = scene.snapshot()
-    assert state.is_one_mesh
-    assert not state.with_transforms([0], shifted(0, 0, 1e-300)[None]).is_one_mesh
+    assert state.lone_shape is not None
+    assert state.with_transforms([0], shifted(0, 0, 1e-300)[None]).lone_shape is None
     scene.add(DOTS)
-    assert scene.snapshot().is_one_mesh
+    assert scene.snapshot().lone_shape is not None
     scene.place(scene.geometries[1])
-    assert not scene.snapshot().is_one_mesh
+    assert scene.snapshot().lone_shape is None
     masked = clbvh.Scene()
     masked.place(masked.add(BALL), mask=1)
-    assert not masked.snapshot().is_one_mesh
+    assert masked.snapshot().lone_shape is None
 
 
 def test_handles_become_ids(scene):
