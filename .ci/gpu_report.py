@@ -28,10 +28,10 @@ from clbvh.choices import REPORT_SHADINGS, SHADINGS
 from clbvh.device.program import CORRECT_ROUNDING, GPU_OPTION, make_options
 from clbvh.device.radix_sort import GPU_PLAN
 from clbvh.device.sources import expand_source
-from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS
 from clbvh.support.folders import find_folder
 from clbvh.trace.world.trees import pad_stack
 from clbvh.trace.world.world import make_defines
+from clbvh.tree_layouts import LAYOUTS, TREE_LAYOUTS
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "internals" / "gpu.md"
 # The tables stand between these lines of the page.
@@ -158,7 +158,7 @@ class ToolError(Exception):
     """A compiler is missing or refuses."""
 
 
-def list_programs(layouts: Sequence[str] = tuple(LAYOUT_WIDTHS)) -> Iterator[Program]:
+def list_programs(layouts: Sequence[str] = TREE_LAYOUTS) -> Iterator[Program]:
     """Yield every shipped kernel in every layout, over a mesh and in a scene, with the common size of the stack."""
     for path in sorted((find_folder("cl") / "kernels").glob("*.cl")):
         kernel = path.stem
@@ -168,7 +168,7 @@ def list_programs(layouts: Sequence[str] = tuple(LAYOUT_WIDTHS)) -> Iterator[Pro
         if kernel in _OF_BUILDS:
             continue
         for layout in layouts:
-            if kernel.endswith("entry_points") and layout not in ENTRY_POINT_LAYOUTS:
+            if kernel.endswith("entry_points") and not LAYOUTS[layout].is_wide:
                 continue
             stack_size = pad_stack(layout, 0)
             for is_lone in (True, False):
@@ -179,11 +179,10 @@ def list_programs(layouts: Sequence[str] = tuple(LAYOUT_WIDTHS)) -> Iterator[Pro
 def list_build_programs() -> Iterator[Program]:
     """Yield the kernels that build and refit trees, as GPUs have them."""
     for layout in _LAYOUTS_OF_BUILDS:
-        width = LAYOUT_WIDTHS[layout]
         tile = {"GROUPED": 1, "GROUP_SIZE": CLUSTER_GROUP[0]}
-        blocks = {"BLOCK_WIDTH": width if width > 2 else 1, "HAS_FP64": 1}
+        blocks = {"BLOCK_WIDTH": LAYOUTS[layout].block_width, "HAS_FP64": 1}
         for kernel, defines in (("build_tree", tile), ("write_blocks", blocks), ("refit_nodes", {})):
-            yield Program(kernel, f", `{layout}`", layout, False, {"TREE_WIDTH": width, **defines})
+            yield Program(kernel, f", `{layout}`", layout, False, {"TREE_WIDTH": LAYOUTS[layout].width, **defines})
     sort = {"DIGIT_BITS": GPU_PLAN.digit_bits, "GROUP_SIZE": GPU_PLAN.group_size}
     yield Program("radix_sort", "", "", False, sort)
 

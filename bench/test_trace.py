@@ -10,9 +10,9 @@ import pytest
 
 import clbvh
 from clbvh.rendering.cameras.framing import frame_mesh
-from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace import put_rays
 from clbvh.trace.rays.pieces import RayPiece, cut_rays
+from clbvh.tree_layouts import TREE_LAYOUTS
 
 from .paired import DEFAULT_RUNS, measure_ms
 
@@ -44,7 +44,7 @@ def rays(mesh):
 def tracers(mesh):
     """One tracer for each layout."""
     bvh = clbvh.build(mesh)
-    tracers = {layout: clbvh.Tracer(bvh, layout=layout) for layout in LAYOUT_WIDTHS}
+    tracers = {layout: clbvh.Tracer(bvh, layout=layout) for layout in TREE_LAYOUTS}
     for layout, tracer in tracers.items():
         print(f"\n{layout}: {tracer.memory_bytes / mesh.face_count:.1f} bytes per triangle on the device")
     yield tracers

@@ -12,6 +12,17 @@ import math
 import numpy as np
 
 from .choices import MAX_BINS, MAX_LEAF_SIZE, SHADINGS, TONE_CURVES
+from .tree_layouts import (
+    BVH2_NODE,
+    LAYOUTS,
+    SHARED_UNIT,
+    SPHERE,
+    TRIANGLE,
+    WIDE_WIDTHS,
+    sphere_block,
+    triangle_block,
+    wide_node,
+)
 
 _LANE_BYTES = 4
 
@@ -50,43 +61,12 @@ MAX_DEPTH = 64
 # Up to how many primitives of a node the default builder tries all divisions in two: four have 7, five 15.
 MAX_EXHAUSTIVE = 4
 
-# --- Trees on the device ---
+# --- Trees on the device; their nodes and primitives: see `tree_layouts.py` ---
 
-# A node of the `bvh2` layout: 64 bytes, one cache line, with both child boxes in the parent, so that one load serves
-# the tests of two children. Index 0 is the left child, 1 the right one. `count[i] > 0`: child i is a leaf over the
-# triangles first[i] to first[i] + count[i]; `count[i] == 0`: child i is the node at first[i].
-BVH2_NODE = np.dtype([("aabb_min", "f4", (2, 3)), ("aabb_max", "f4", (2, 3)), ("first", "i4", 2), ("count", "i4", 2)])
-
-# A node of the `bvh4` and `bvh8` layouts: each coordinate of all child boxes side by side, so that a vector unit tests
-# all children at once. `child[i] >= 0` is the index of a node; otherwise `~child[i]` is the index of a triangle block.
-# A missing child has an inverted box.
-WIDE_NODES = {
-    width: np.dtype([("aabb_min", "f4", (3, width)), ("aabb_max", "f4", (3, width)), ("child", "i4", width)])
-    for width in (4, 8)
-}
-
-# The triangles of a leaf of the wide layouts, side by side: `corners[i][axis]` is one coordinate of corner i of all
-# triangles. Lanes without a triangle and lanes of degenerate triangles are NaN, which no ray hits.
-TRIANGLE_BLOCKS = {width: np.dtype([("corners", "f4", (3, 3, width)), ("prim_id", "i4", width)]) for width in (4, 8)}
-
-# Blocks of the `bvh8c` layout have any number of these units; see `layouts/shared_blocks.py`.
-SHARED_UNIT = np.dtype([("words", "u4", 4)])
+# Blocks of the `bvh8c` layout; see `layouts/shared_blocks.py`.
 SHARED_HEADER = 4  # words before the vertices of a block
 SHARED_VERTEX_BITS = 4
 MOST_SHARED_VERTICES = 1 << SHARED_VERTEX_BITS
-
-# A triangle of the `bvh2` layout, in leaf order; NaN if it is degenerate.
-TRIANGLE = np.dtype([("a", "f4", 3), ("b", "f4", 3), ("c", "f4", 3), ("prim_id", "i4")])
-
-# A sphere of the `bvh2` layout, in leaf order.
-SPHERE = np.dtype([("centre", "f4", 3), ("radius", "f4"), ("prim_id", "i4")])
-
-# The spheres of a leaf of the wide layouts, side by side: `centre[axis]` is one coordinate of all spheres. Lanes
-# without a sphere are NaN, which no ray hits.
-SPHERE_BLOCKS = {
-    width: np.dtype([("centre", "f4", (3, width)), ("radius", "f4", width), ("prim_id", "i4", width)])
-    for width in (4, 8)
-}
 
 # --- Trees that a device builds, see cl/tree ---
 
@@ -101,7 +81,7 @@ MERGE = np.dtype(
 
 # A subtree as at most 1, 2, ... children of a wide node: its cost, and four bits each for the children that the left
 # half has, 0 where one child less is as cheap; see `layouts/wide.py`.
-WIDE_CHOICES = {width: np.dtype([("cost", "f4", width), ("shares", "u4")]) for width in (4, 8)}
+WIDE_CHOICES = {width: np.dtype([("cost", "f4", width), ("shares", "u4")]) for width in WIDE_WIDTHS}
 
 # Where a node of the binary tree goes: its index, the first index for the nodes below it, the first one for blocks or
 # primitives, and the entries that a traversal has on its stack before. Of the wide layouts, until a node is placed, the
@@ -467,17 +447,13 @@ DEVICE_STRUCTS = {
     "row_node_t": NODE,
     "bvh2_node_t": BVH2_NODE,
     "triangle_t": TRIANGLE,
-    "bvh4_node_t": WIDE_NODES[4],
-    "bvh8_node_t": WIDE_NODES[8],
-    "block4_t": TRIANGLE_BLOCKS[4],
-    "block8_t": TRIANGLE_BLOCKS[8],
+    **{f"bvh{width}_node_t": wide_node(width) for width in WIDE_WIDTHS},
+    **{f"block{width}_t": triangle_block(width) for width in WIDE_WIDTHS},
     "shared_unit_t": SHARED_UNIT,
     "sphere_t": SPHERE,
-    "sphere4_t": SPHERE_BLOCKS[4],
-    "sphere8_t": SPHERE_BLOCKS[8],
+    **{f"sphere{width}_t": sphere_block(width) for width in WIDE_WIDTHS},
     "merge_t": MERGE,
-    "choice4_t": WIDE_CHOICES[4],
-    "choice8_t": WIDE_CHOICES[8],
+    **{f"choice{width}_t": WIDE_CHOICES[width] for width in WIDE_WIDTHS},
     "placement_t": PLACEMENT,
     "tree_summary_t": TREE_SUMMARY,
     "packed_ray_t": PACKED_RAY,
@@ -514,18 +490,6 @@ TEXTURE_WRAPS = {"repeat": 0, "clamp": 1, "mirror": 2}
 CUTS = {"plane": 1, "box": 2}
 PROJECTIONS = {"perspective": 0, "distorted": 1, "orthographic": 2, "fisheye": 3, "panorama": 4}
 
-# Layouts of a tree in the device's memory; `brute` is a list of triangles without a tree.
-LAYOUTS = {"bvh2": 0, "brute": 1, "bvh4": 2, "bvh8": 3, "bvh8c": 4}
-
-# Most children of a node; in the wide layouts also the triangles of a block.
-LAYOUT_WIDTHS = {"bvh2": 2, "bvh4": 4, "bvh8": 8, "bvh8c": 8}
-
-# A layout whose trees take half the memory, see `layouts/shared_blocks.py`.
-COMPACT_LAYOUT = "bvh8c"
-
-# Layouts that search an entry point for each tile, see cl/traversal/entry_point.cl. Two children are too few.
-ENTRY_POINT_LAYOUTS = ("bvh4", "bvh8", "bvh8c")
-
 # The primitives of a geometry.
 PRIM_KINDS = {"triangles": 0, "spheres": 1}
 
@@ -548,7 +512,7 @@ DEVICE_CONSTANTS = {
     "MAX_TILE_LEAVES": MAX_TILE_LEAVES,
     "MOST_TILE_RAYS": MOST_TILE_RAYS,
     **{"KIND_" + name.upper(): number for name, number in PRIM_KINDS.items()},
-    **{"LAYOUT_" + name.upper(): number for name, number in LAYOUTS.items()},
+    **{"LAYOUT_" + name.upper(): layout.number for name, layout in LAYOUTS.items()},
     **{"TONE_" + name.upper(): number for name, number in TONE_CURVES.items()},
     **{"WRAP_" + name.upper(): number for name, number in TEXTURE_WRAPS.items()},
     **{"CUT_" + name.upper(): number for name, number in CUTS.items()},

@@ -26,10 +26,10 @@ from ..rendering.cameras.camera import Camera
 from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
 from ..rendering.view import View
-from ..structs import LAYOUT_WIDTHS
 from ..trace.hits.hits import AllHits, Hits
 from ..trace.tracer import Tracer
 from ..trace.world.trees import BRUTE
+from ..tree_layouts import TREE_LAYOUTS
 from .cases import Case, make_cases
 from .expected import EXPECTED_PATH, Expected, ExpectedAnswers, digest_of, load_expected, store_expected
 
@@ -37,7 +37,7 @@ from .expected import EXPECTED_PATH, Expected, ExpectedAnswers, digest_of, load_
 Answer = dict[str, NDArray]
 
 # Every layout answers; the one without a tree only in pictures.
-ALL_LAYOUTS = (*LAYOUT_WIDTHS, BRUTE)
+ALL_LAYOUTS = (*TREE_LAYOUTS, BRUTE)
 
 # Crossings of a ray of which all are compared; of the others only the number.
 _COMPARED_HITS = 12

@@ -18,9 +18,9 @@ from ..device.host.loops import Loops
 from ..geometry import Mesh, Shape
 from ..geometry.corners import Bounded
 from ..geometry.joined_shapes import batch_small
-from ..structs import BVH2_NODE, COMPACT_LAYOUT, LAYOUT_WIDTHS, SHARED_UNIT
 from ..support.host_threads import HostThreads
-from .leaf_blocks import LeafBlocks, block_struct
+from ..tree_layouts import BVH2_NODE, LAYOUTS
+from .leaf_blocks import LeafBlocks
 from .shared_blocks import SharedBlocks
 from .small_trees import widen_small
 from .wide import WideTree, widen
@@ -33,7 +33,7 @@ class DeviceArrays:
     Attributes
     ----------
     nodes : array of structs
-        See `clbvh.structs`.
+        See `Layout.node`.
     blocks : LeafBlocks or SharedBlocks
         A block of `bvh2` is one primitive.
     stack_size : int
@@ -58,23 +58,22 @@ def make_device_arrays(bvh: Bvh, layout: str) -> DeviceArrays:
     bvh : Bvh
         Over a mesh or spheres.
     layout : str
-        One of `structs.LAYOUT_WIDTHS`.
+        One of `TREE_LAYOUTS`.
     """
-    width, shape = LAYOUT_WIDTHS[layout], cast(Shape, bvh.shape)
-    if width == 2:
+    shape = cast(Shape, bvh.shape)
+    if not LAYOUTS[layout].is_wide:
         return DeviceArrays(make_bvh2_nodes(bvh), LeafBlocks(shape, bvh.prim_ids.reshape(-1, 1)), bvh.depth)
     with HostThreads() as threads:
-        return _of_wide(shape, widen(bvh, width, threads), layout, threads)
+        return _of_wide(shape, widen(bvh, LAYOUTS[layout].width, threads), layout, threads)
 
 
 def make_all_arrays(bvhs: Sequence[Bvh], layout: str) -> list[DeviceArrays]:
     """Return what `make_device_arrays` does of each tree; many small ones take less time together."""
     small: dict[int, DeviceArrays] = {}
-    width = LAYOUT_WIDTHS[layout]
-    if width > 2:
+    if LAYOUTS[layout].is_wide:
         with HostThreads() as threads:
             for batch in batch_small([bvh.shape for bvh in bvhs]):
-                wide = widen_small([bvhs[number] for number in batch], width)
+                wide = widen_small([bvhs[number] for number in batch], LAYOUTS[layout].width)
                 for number, tree in zip(batch, wide, strict=True):
                     small[number] = _of_wide(cast(Shape, bvhs[number].shape), tree, layout, threads)
     return [small.get(number) or make_device_arrays(bvh, layout) for number, bvh in enumerate(bvhs)]
@@ -84,20 +83,17 @@ def _of_wide(shape: Shape, tree: WideTree, layout: str, threads: HostThreads) ->
     blocks: LeafBlocks | SharedBlocks = LeafBlocks(shape, tree.blocks)
     if has_shared_blocks(shape, layout):
         blocks = SharedBlocks.make(shape, tree.blocks, tree.nodes, threads)
-    # An entry point, see cl/traversal/entry_point.cl, can push up to width - 1 children that a descent from the root
-    # would not push.
-    return DeviceArrays(tree.nodes, blocks, tree.stack_size + LAYOUT_WIDTHS[layout] - 1)
+    return DeviceArrays(tree.nodes, blocks, tree.stack_size + LAYOUTS[layout].entry_stack)
 
 
 def has_shared_blocks(shape: Bounded, layout: str) -> TypeGuard[Mesh]:
     """Return whether the blocks of a tree are `SharedBlocks`: of a mesh in the layout `bvh8c`."""
-    return layout == COMPACT_LAYOUT and isinstance(shape, Mesh)
+    return LAYOUTS[layout].shares_vertices and isinstance(shape, Mesh)
 
 
 def item_struct(shape: Bounded, layout: str) -> np.dtype:
     """Return the struct that the blocks of a tree consist of, or of the primitives without a tree."""
-    width = LAYOUT_WIDTHS.get(layout, 2)
-    return SHARED_UNIT if has_shared_blocks(shape, layout) else block_struct(shape, width if width > 2 else 1)
+    return LAYOUTS[layout].triangles if isinstance(shape, Mesh) else LAYOUTS[layout].spheres
 
 
 def list_prims(shape: Shape) -> DeviceArrays:
@@ -118,7 +114,7 @@ def make_bvh2_nodes(bvh: Bvh) -> NDArray[np.void]:
 
     Returns
     -------
-    (max(1, interior nodes),) `structs.BVH2_NODE`
+    (max(1, interior nodes),) `BVH2_NODE`
         In the tree's depth-first order; node 0 is the root.
     """
     nodes = np.ascontiguousarray(bvh.nodes)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from ..device.host.library import HostKernel, open_library
 from ..geometry import Mesh, Shape
 from ..geometry.corners import Bounded
-from ..structs import SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS
 from ..support.host_threads import HostThreads
+from ..tree_layouts import sphere_block, triangle_block
 
 # Least blocks of a thread's range: each takes 0.3 us.
 _LEAST_BLOCKS = 1 << 10
@@ -26,7 +26,7 @@ _GROUP_SIZE = 64
 
 def block_struct(shape: Bounded, width: int) -> np.dtype:
     """Return the struct of a block of `width` primitives of a shape."""
-    return TRIANGLE_BLOCKS.get(width, TRIANGLE) if isinstance(shape, Mesh) else SPHERE_BLOCKS.get(width, SPHERE)
+    return triangle_block(width) if isinstance(shape, Mesh) else sphere_block(width)
 
 
 class LeafBlocks(NamedTuple):

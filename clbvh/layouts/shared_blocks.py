@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from ..device.host.loops import Loops
 from ..errors import MeshError
 from ..geometry import Mesh
-from ..structs import MOST_SHARED_VERTICES, SHARED_HEADER, SHARED_UNIT
+from ..structs import MOST_SHARED_VERTICES, SHARED_HEADER
 from ..support.host_threads import HostThreads
+from ..tree_layouts import SHARED_UNIT
 
 _WIDTH = 8
 _UNIT_WORDS = SHARED_UNIT.itemsize // 4
@@ -50,7 +51,7 @@ class SharedBlocks(NamedTuple):
 
     Attributes
     ----------
-    parts : list of (n,) `structs.SHARED_UNIT`
+    parts : list of (n,) `SHARED_UNIT`
         The blocks of ranges of leaves, one behind the other.
     """
 
@@ -65,7 +66,7 @@ class SharedBlocks(NamedTuple):
         mesh : Mesh
         prims : (G, 8) int32
             Faces of each leaf, see `WideTree.blocks`.
-        nodes : (N,) `structs.WIDE_NODES[8]`, changed
+        nodes : (N,) `wide_node(8)`, changed
             The child ``~g``, the leaf g, becomes ``~unit``.
         threads : HostThreads
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from ..bvh.bvh import Bvh
 from ..geometry.joined_shapes import first_rows
-from ..structs import NODE, WIDE_NODES
+from ..structs import NODE
 from ..support.host_threads import HostThreads
+from ..tree_layouts import wide_node
 from .wide import LOOPS, WideTree, block_prices, split_leaves
 
 # Least trees of a thread's range: each takes some microseconds.
@@ -40,7 +41,7 @@ def widen_small(bvhs: Sequence[Bvh], width: int) -> list[WideTree]:
             least_items=_LEAST_TREES,
         )
         ends = np.concatenate((np.zeros((1, 2), np.int64), np.cumsum(sizes, axis=0)))
-        wide_nodes, blocks = np.empty(ends[-1, 0], WIDE_NODES[width]), np.empty((ends[-1, 1], width), np.int32)
+        wide_nodes, blocks = np.empty(ends[-1, 0], wide_node(width)), np.empty((ends[-1, 1], width), np.int32)
         tables = stack_sizes, first_nodes, first_prims, ends
         output = wide_nodes.view(np.float32), blocks
         threads.for_ranges(

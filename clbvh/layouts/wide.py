@@ -21,8 +21,9 @@ from ..bvh.bvh import Bvh
 from ..device.host.loops import Loops
 from ..geometry import Mesh
 from ..geometry.corners import Bounded, find_corners
-from ..structs import NODE, WIDE_NODES
+from ..structs import NODE
 from ..support.host_threads import HostThreads
+from ..tree_layouts import wide_node
 
 # Subtrees for each thread: they are of different sizes. And the least nodes that are worth a subtree: of the dragon's
 # binary tree, 10,000 take 0.2 ms.
@@ -37,7 +38,7 @@ class WideTree(NamedTuple):
 
     Attributes
     ----------
-    nodes : (N,) `structs.WIDE_NODES[width]`
+    nodes : (N,) `wide_node(width)`
         Node 0 is the root; children stand behind their parent, siblings together.
     blocks : (G, width) int32
         Primitives in each leaf's block, `NO_PRIM` in the lanes that are left over.
@@ -82,7 +83,7 @@ def widen(bvh: Bvh, width: int, threads: HostThreads) -> WideTree:
         list(zip(roots.tolist(), sizes, strict=True)),
     )
     node_count, block_count = (top_size + sizes.sum(axis=0)).tolist()
-    wide_nodes, blocks = np.empty(node_count, WIDE_NODES[width]), np.empty((block_count, width), np.int32)
+    wide_nodes, blocks = np.empty(node_count, wide_node(width)), np.empty((block_count, width), np.int32)
     output = wide_nodes.view(np.float32), blocks
 
     def write(start: NDArray[np.int32], *cuts: NDArray[np.int32]) -> int:

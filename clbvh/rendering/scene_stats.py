@@ -17,9 +17,10 @@ from ..geometry import Mesh
 from ..geometry.corners import Boxes
 from ..layouts.device_arrays import make_all_arrays
 from ..scene.state import SceneState
-from ..structs import BVH2_NODE, INSTANCE, LAYOUT_WIDTHS
+from ..structs import INSTANCE
 from ..trace.world.surface_arrays import make_surface_arrays
 from ..trace.world.top_tree import find_boxes
+from ..tree_layouts import BVH2_NODE, TREE_LAYOUTS
 
 
 def measure_scene(state: SceneState, trees: Sequence[Bvh], *, traversal_cost: float) -> dict[str, Any]:
@@ -55,9 +56,7 @@ def measure_scene(state: SceneState, trees: Sequence[Bvh], *, traversal_cost: fl
         return {"node_count": bvh.node_count, "depth": bvh.depth, "sah_cost": cost}
 
     placed = np.bincount(state.geometry_ids, minlength=state.geometry_count).tolist()
-    device_bytes = {
-        layout: [arrays.byte_count for arrays in make_all_arrays(trees, layout)] for layout in LAYOUT_WIDTHS
-    }
+    device_bytes = {layout: [arrays.byte_count for arrays in make_all_arrays(trees, layout)] for layout in TREE_LAYOUTS}
     geometries = [
         {
             "name": name,
@@ -82,7 +81,7 @@ def measure_scene(state: SceneState, trees: Sequence[Bvh], *, traversal_cost: fl
         "lower": lower.min(axis=0).tolist(),
         "upper": upper.max(axis=0).tolist(),
         "device_bytes": {
-            layout: top_bytes + sum(each["device_bytes"][layout] for each in geometries) for layout in LAYOUT_WIDTHS
+            layout: top_bytes + sum(each["device_bytes"][layout] for each in geometries) for layout in TREE_LAYOUTS
         },
         "geometries": geometries,
         "instances": {

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..bvh.bvh import Bvh, find_depths, sah_cost
 from ..layouts.device_arrays import make_device_arrays
-from ..structs import LAYOUT_WIDTHS
+from ..tree_layouts import TREE_LAYOUTS
 from .overlap import measure_overlap
 
 # The end-point overlap of larger meshes is measured on this many triangles. For the dragon of 871,306 triangles that
@@ -160,7 +160,7 @@ def measure_tree(
         epo=overlap.epo,
         epo_triangles=overlap.triangle_count,
         host_bytes=bvh.nodes.nbytes + bvh.prim_ids.nbytes,
-        device_bytes={layout: make_device_arrays(bvh, layout).byte_count for layout in LAYOUT_WIDTHS},
+        device_bytes={layout: make_device_arrays(bvh, layout).byte_count for layout in TREE_LAYOUTS},
     )
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from clbvh import Mesh, Scene, build
 from clbvh.device.open import open_device
 from clbvh.device.session import DeviceSession
-from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.check.intersections import Rays
 from clbvh.trace.check.reference import Reference
 from clbvh.trace.hits.all_hits import find_all_hits
@@ -20,6 +19,7 @@ from clbvh.trace.hits.closest import count_hits, find_any_hits, find_closest_hit
 from clbvh.trace.launch import Caster
 from clbvh.trace.points.queries import SeenPoints, find_closest_points
 from clbvh.trace.rays.batch import read_points, read_rays
+from clbvh.tree_layouts import TREE_LAYOUTS
 
 from ..all_hits_reference import find_wrong_crossings
 from ..grazing import MESHES, RAYS, make_mesh, make_rays
@@ -146,7 +146,7 @@ def check_geometry(session: DeviceSession, seed: int) -> int:
         t = np.where(first.is_hit, first.t, 1.0)
         limits = np.where(generator.random(len(t)) < 0.4, t, 0.0), np.where(generator.random(len(t)) < 0.4, t, np.inf)
         expected = _ask(caster, rays, points, limits)
-    for layout in LAYOUT_WIDTHS:
+    for layout in TREE_LAYOUTS:
         with _open(session, bvh, layout) as caster:
             found = _ask(caster, rays, points, limits)
         different = [name for name, answer in expected.items() if _bytes(found[name]) != _bytes(answer)]

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, WIDE_NODES
+from clbvh.tree_layouts import LAYOUTS, WIDE_LAYOUTS, wide_node
 
-LANES = [*ENTRY_POINT_LAYOUTS, *(f"{layout} portable" for layout in ENTRY_POINT_LAYOUTS)]
-BEAMS = [f"{layout} beam" for layout in ENTRY_POINT_LAYOUTS]
+LANES = [*WIDE_LAYOUTS, *(f"{layout} portable" for layout in WIDE_LAYOUTS)]
+BEAMS = [f"{layout} beam" for layout in WIDE_LAYOUTS]
 WAYS = ["single", *LANES, *BEAMS]
 
 # Rays of a beam, and the answer of a beam without bounds.
@@ -74,8 +74,8 @@ def meet(call, way, rays, boxes):
 
 def _make_nodes(layout, boxes):
     """Nodes with one child each, in any lane, and the bits of these lanes."""
-    width, rows = LAYOUT_WIDTHS[layout], np.arange(len(boxes))
-    nodes = np.zeros(len(boxes), WIDE_NODES[width])
+    width, rows = LAYOUTS[layout].width, np.arange(len(boxes))
+    nodes = np.zeros(len(boxes), wide_node(width))
     nodes["aabb_min"], nodes["aabb_max"] = np.finfo(np.float32).max, -np.finfo(np.float32).max
     nodes["aabb_min"][rows, :, rows % width], nodes["aabb_max"][rows, :, rows % width] = boxes.transpose(1, 0, 2)
     return nodes, np.uint32(1) << np.uint32(rows % width)

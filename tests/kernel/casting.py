@@ -4,8 +4,9 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from clbvh.structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, NO_PRIM, WIDE_NODES
+from clbvh.structs import HIT, NO_PRIM
 from clbvh.trace.world.starts import TILE_KERNEL, find_entry_points
+from clbvh.tree_layouts import LAYOUTS, WIDE_LAYOUTS
 
 from ..worlds import mesh_on_device
 from .programs import build_text, make_rays
@@ -58,7 +59,7 @@ class Caster:
         with self._on_device(self._make_rays(origins, directions)) as (rays, work_size):
             starts = self._find_starts(rays, work_size)
             tile_count = np.prod([-(-length // edge) for length, edge in zip(work_size, self._tile, strict=True)])
-            found = np.zeros(tile_count, WIDE_NODES[LAYOUT_WIDTHS[self._world.layout]])
+            found = np.zeros(tile_count, LAYOUTS[self._world.layout].node)
             self._session.download(starts["entry_points"], found)
             self._session.release(starts["entry_points"])
         return found
@@ -118,6 +119,6 @@ class Caster:
     def _kernel(self, name):
         stack_size = max(STACK_SIZE, self._world.defines["STACK_SIZE"])
         defines = self._world.defines | {"STACK_SIZE": stack_size}
-        names = (*KERNELS, TILE_KERNEL) if self._world.layout in ENTRY_POINT_LAYOUTS else KERNELS
+        names = (*KERNELS, TILE_KERNEL) if self._world.layout in WIDE_LAYOUTS else KERNELS
         source = "\n".join(f'#include "kernels/{name}.cl"' for name in names)
         return build_text(self._session, source, tuple(sorted(defines.items())))[name]

@@ -7,7 +7,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from clbvh.structs import DEVICE_STRUCTS, LAYOUTS, PACKED_RAY, TRIANGLE
+from clbvh.structs import DEVICE_STRUCTS, PACKED_RAY
+from clbvh.tree_layouts import LAYOUTS, TRIANGLE
 
 NUMBERS = {
     "float": np.dtype("f4"), "int": np.dtype("i4"), "uint": np.dtype("u4"), "uchar": np.dtype("u1"),
@@ -70,7 +71,7 @@ def call(session, includes, body, outputs, *, tables=None, layout="brute", defin
         body=body,
         stores=" ".join(stores[len(inputs) :]),
     )
-    defines = {"LAYOUT": LAYOUTS[layout], "STACK_SIZE": 48} | (defines or {})
+    defines = {"LAYOUT": LAYOUTS[layout].number, "STACK_SIZE": 48} | (defines or {})
     kernel = build_text(session, text, tuple(sorted(defines.items())))["evaluate"]
     buffers = [session.upload(array) for array in (*inputs.values(), *written.values(), *tables.values())]
     try:
@@ -124,7 +125,7 @@ def make_rays(origins, directions, t_min=0.0, t_max=np.inf):
 
 
 def make_triangles(corners, prim_ids=0):
-    """An array of `structs.TRIANGLE` with these corners, (n, 3, 3)."""
+    """An array of `TRIANGLE` with these corners, (n, 3, 3)."""
     triangles = np.empty(len(corners), TRIANGLE)
     for index, name in enumerate("abc"):
         triangles[name] = corners[:, index]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clbvh.structs import ENTRY_POINT_LAYOUTS
+from clbvh.tree_layouts import WIDE_LAYOUTS
 
 from .boxes import BEAM_RAYS, LANES, UNBOUNDED, WAYS, clip, grow, meet, meet_alone, meet_by_beam, pad
 from .programs import make_rays
@@ -78,7 +78,7 @@ def test_a_child_that_is_not_there_is_never_met(call):
     beams = rays.reshape(-1, BEAM_RAYS)
     far = np.full((len(rays), 2, 3), np.finfo(np.float32).max)
     assert not np.isnan(meet_alone(call, rays, far)[1]).any()
-    for layout in ENTRY_POINT_LAYOUTS:
+    for layout in WIDE_LAYOUTS:
         met = meet_by_beam(call, layout, beams, boxes[::BEAM_RAYS])
         # A beam with a ray beyond float32 goes everywhere, and no box is asked.
         is_beyond = ~np.isfinite(beams["origin"]).all(axis=(1, 2))
@@ -97,7 +97,7 @@ def make_beams(generator, count, spread, *, common_origin):
     return origins.reshape(-1, 3), directions.reshape(-1, 3)
 
 
-@pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
+@pytest.mark.parametrize("layout", WIDE_LAYOUTS)
 @pytest.mark.parametrize("spread", [0, 1e-4, 0.1, 1])
 def test_what_a_ray_meets_its_beam_meets(call, layout, spread):
     generator = np.random.default_rng(33)
@@ -119,7 +119,7 @@ def test_what_a_ray_meets_its_beam_meets(call, layout, spread):
             assert (met == 1).mean() < 0.9
 
 
-@pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
+@pytest.mark.parametrize("layout", WIDE_LAYOUTS)
 def test_rays_without_an_interval_do_not_widen_a_beam(call, layout):
     origins, directions = make_beams(np.random.default_rng(34), 1000, 10, common_origin=False)
     beams = make_rays(origins, directions, 0, -1).reshape(-1, BEAM_RAYS)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from clbvh import Spheres
-from clbvh.structs import ENTRY_POINT_LAYOUTS, INSTANCE, LAYOUT_WIDTHS, PRIM_KINDS
+from clbvh.structs import INSTANCE, PRIM_KINDS
 from clbvh.trace.world.metrics import make_metrics
 from clbvh.trace.world.surface_arrays import make_surface_arrays
+from clbvh.tree_layouts import LAYOUTS, WIDE_LAYOUTS
 
 from ..unit.trace.scene_distances import distance_to_ellipsoid
 
@@ -92,10 +93,10 @@ def test_the_order_of_corners_changes_no_edge(triangles, call):
 
 
 @pytest.mark.parametrize("portable", [{}, {"PORTABLE": 1}], ids=["built-in", "portable"])
-@pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
+@pytest.mark.parametrize("layout", WIDE_LAYOUTS)
 def test_lanes_have_the_same_bits(triangles, call, layout, portable):
     corners, squares = triangles
-    width = LAYOUT_WIDTHS[layout]
+    width = LAYOUTS[layout].width
     body = """
         point_t points[3];
         for (int corner = 0; corner < 3; corner++) {

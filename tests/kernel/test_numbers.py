@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from clbvh.device.sources import expand_source
-from clbvh.structs import DEVICE_STRUCTS, ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS
+from clbvh.structs import DEVICE_STRUCTS
 from clbvh.support.folders import find_folder
+from clbvh.tree_layouts import LAYOUTS, WIDE_LAYOUTS
 
 pytestmark = pytest.mark.on_both
 
@@ -44,9 +45,9 @@ def test_the_smaller_and_the_larger_and_nan_loses_in_the_first_place(call):
 
 
 @pytest.mark.parametrize("portable", [{}, {"PORTABLE": 1}], ids=["built-in", "portable"])
-@pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
+@pytest.mark.parametrize("layout", WIDE_LAYOUTS)
 def test_lanes_become_bits(call, layout, portable):
-    width = LAYOUT_WIDTHS[layout]
+    width = LAYOUTS[layout].width
     masks = np.arange(2**width)
     is_set = (masks[:, None] >> np.arange(width)) & 1
     values = np.where(is_set, -1, np.where(np.arange(width) % 2, 0, np.nan))

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from clbvh.structs import NO_PRIM, SPHERE
+from clbvh.structs import NO_PRIM
+from clbvh.tree_layouts import SPHERE
 
 from ..profiles import seeds
 from ..rays import as_float32
@@ -34,7 +35,7 @@ CROSS = """
 
 
 def make_records(centres, radii, prim_ids=0):
-    """An array of `structs.SPHERE`."""
+    """An array of `SPHERE`."""
     spheres = np.zeros(len(centres), SPHERE)
     spheres["centre"], spheres["radius"], spheres["prim_id"] = centres, radii, prim_ids
     return spheres

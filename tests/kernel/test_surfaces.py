@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from clbvh.structs import INSTANCE, SPHERE
+from clbvh.structs import INSTANCE
+from clbvh.tree_layouts import SPHERE
 
 from ..rays import as_float32
 from .programs import make_rays, make_triangles

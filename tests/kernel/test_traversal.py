@@ -8,8 +8,9 @@ import pytest
 
 from clbvh import Tracer, build, make_shape
 from clbvh.rendering.cameras.framing import frame_mesh
-from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, NO_PRIM
+from clbvh.structs import NO_PRIM
 from clbvh.trace.world.world import World
+from clbvh.tree_layouts import LAYOUTS, TREE_LAYOUTS, WIDE_LAYOUTS
 
 from ..chain import make_chain
 from ..rays import centred, hard_rays
@@ -59,7 +60,7 @@ def check_layouts(session, mesh, bvh, rays, **limits):
     with open_caster(session, mesh) as cast:
         expected = answer(cast, rays, **limits)
     check_queries(expected)
-    for layout in LAYOUT_WIDTHS:
+    for layout in TREE_LAYOUTS:
         with open_caster(session, mesh, bvh, layout) as cast:
             check_alike(answer(cast, rays, **limits), expected, layout)
     return expected
@@ -87,7 +88,7 @@ def test_the_stack_is_as_deep_as_the_tree(session, leaf_side, toward):
     rays = origins, np.broadcast_to([0.0, 0.0, toward], origins.shape)
     hits = check_layouts(session, mesh, bvh, rays)["closest_hit"]
     np.testing.assert_array_equal(hits["prim_id"], np.where(x + y > 2, CHAIN - 1, 0 if toward > 0 else CHAIN - 2))
-    for layout in ENTRY_POINT_LAYOUTS:
+    for layout in WIDE_LAYOUTS:
         check_tiles(session, mesh, bvh, rays, (8, 8), layout)
 
 
@@ -120,7 +121,7 @@ def test_the_near_child_comes_first_and_any_crossing_ends_the_search(call):
         origins, directions = [[0.5, 0.5, -5], [0.5, 0.5, CHAIN + 5]], [[0, 0, 1], [0, 0, -1]]
         assert find_any(call, bvh, origins, directions) == ([0, CHAIN - 2], [1, 1])
     # The ray crosses all triangles, and of the first block no more than fit it are reported.
-    for layout, width in LAYOUT_WIDTHS.items():
+    for layout, width in ((name, LAYOUTS[name].width) for name in TREE_LAYOUTS):
         _, met = find_any(call, bvh, origins[:1], directions[:1], layout)
         assert 1 <= met[0] <= (1 if layout == "bvh2" else width)
 
@@ -150,7 +151,7 @@ def any_order(mesh):
     return hard_rays(mesh, WIDTH * HEIGHT // 3 * 3, np.random.default_rng(39))
 
 
-@pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
+@pytest.mark.parametrize("layout", WIDE_LAYOUTS)
 def test_tiles_of_rays_begin_at_entry_points(session, mesh, layout):
     soup, few = grid_soup(), centred(make_soup(3, seed=1, grid=8, size=4))
     one_leaf = build(few, leaf_size=4, traversal_cost=100)
@@ -170,7 +171,7 @@ def test_tiles_of_rays_begin_at_entry_points(session, mesh, layout):
     check_tiles(session, mesh, build(mesh), rays, (8, 8), layout, t_min=t_min, t_max=t_max)
 
 
-@pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
+@pytest.mark.parametrize("layout", WIDE_LAYOUTS)
 def test_a_picture_gets_entry_points_and_rays_in_no_order_do_not(session, layout):
     mesh = centred(make_shape("knot", triangles=20_000))
     rays = picture(mesh)

@@ -9,7 +9,8 @@ from hypothesis import Phase, given, strategies as st
 
 from clbvh import Mesh, build
 from clbvh.rendering.painters import FrameRenderer, OneRayPainter
-from clbvh.structs import LAYOUT_WIDTHS, NO_PRIM, VIEW
+from clbvh.structs import NO_PRIM, VIEW
+from clbvh.tree_layouts import TREE_LAYOUTS
 
 from ..grazing import MESHES, RAYS, make_mesh, make_rays
 from ..kernel.casting import open_caster
@@ -76,7 +77,7 @@ def test_all_layouts_and_builders_answer_alike(opened, kind, tree, seed):
     bvh = build(mesh, **BUILDS[tree])
     # Rays of like directions beside each other, so that tiles of them have narrow beams.
     order = np.lexsort((*rays[0].T.round(1), *rays[1].T.round(1)))
-    for layout in LAYOUT_WIDTHS:
+    for layout in TREE_LAYOUTS:
         with open_caster(opened, mesh, bvh, layout) as cast:
             assert cast("closest_hit", *rays).tobytes() == closest.tobytes(), layout
             found = ask(cast, rays, limits)
@@ -92,7 +93,7 @@ def test_a_mesh_that_is_flat_along_an_axis_is_hit_in_every_layout(open_tracer):
         flat = corners * (np.arange(3) != axis)
         mesh = Mesh.from_arrays(flat.reshape(-1, 3), np.arange(600).reshape(-1, 3))
         away = 5.0 * np.eye(3)[axis]
-        for layout in LAYOUT_WIDTHS:
+        for layout in TREE_LAYOUTS:
             hits = open_tracer(mesh, layout=layout).closest_hit(flat.mean(axis=1) + away, -away)
             assert hits.is_hit.all(), (axis, layout)
 
@@ -118,7 +119,7 @@ def test_pictures_have_the_same_hits(opened, kind, seed):
     mesh = make_mesh(kind, generator)
     view = grazing_view(mesh, generator)
     found = []
-    for bvh, layout in ((None, "auto"), *((build(mesh), layout) for layout in LAYOUT_WIDTHS)):
+    for bvh, layout in ((None, "auto"), *((build(mesh), layout) for layout in TREE_LAYOUTS)):
         with mesh_on_device(opened, mesh, bvh, layout) as world:
             hits = FrameRenderer(opened, world).render(view, OneRayPainter(opened, world))[1]
         found.append(hits.tobytes())

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from clbvh import Mesh, Tracer
-from clbvh.structs import LAYOUT_WIDTHS
+from clbvh.tree_layouts import TREE_LAYOUTS
 
 from ..profiles import examples, seeds
 from ..unit.trace.scene_states import affine, scene_of
@@ -91,7 +91,7 @@ def check(scene, moves, opened, layout):
 @given(
     scene=random_scenes(is_in_one_unit=True),
     moves=st.lists(st.sampled_from(MOVES), min_size=1, max_size=4),
-    layout=st.sampled_from(tuple(LAYOUT_WIDTHS)),
+    layout=st.sampled_from(tuple(TREE_LAYOUTS)),
 )
 def test_a_moved_tracer_finds_what_a_new_one_finds(opened, scene, moves, layout):
     check(scene, moves, opened, layout)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from clbvh import OpenMeshWarning
-from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.world.trees import BRUTE
+from clbvh.tree_layouts import TREE_LAYOUTS
 
 from ..profiles import examples, seeds
 from ..state_tracer import open_tracer
@@ -44,11 +44,11 @@ def as_bytes(closest, *others):
 def check(scene, opened, mask):
     """Compare all layouts with each other and with the oracle; return how many points are inside, and are sure."""
     points, answers = make_points(scene), {}
-    for layout in (*LAYOUT_WIDTHS, BRUTE):
+    for layout in (*TREE_LAYOUTS, BRUTE):
         with open_tracer(scene, opened.info, layout) as tracer:
             answers[layout] = ask(tracer, points, mask=mask)
     closest, contains, signed = answers[BRUTE]
-    for layout in LAYOUT_WIDTHS:
+    for layout in TREE_LAYOUTS:
         assert as_bytes(*answers[layout]) == as_bytes(closest, contains, signed), layout
 
     known, state, seen = SceneDistances(scene.state, points), scene.state, (scene.state.masks & np.uint32(mask)) != 0

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 
 from clbvh import Tracer
-from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.check.intersections import Rays
 from clbvh.trace.check.reference import Reference
 from clbvh.trace.world.trees import BRUTE
+from clbvh.tree_layouts import TREE_LAYOUTS
 
 from ..all_hits_reference import find_wrong_crossings
 from ..profiles import examples, seeds
@@ -80,7 +80,7 @@ def check(scene, opened):
     with Tracer(scene.contents(), device=opened.info) as tracer:
         limits = make_limits(scene, tracer.closest_hit(scene.origins, scene.directions))
     answers = ask(scene, opened, BRUTE, limits)
-    for layout in LAYOUT_WIDTHS:
+    for layout in TREE_LAYOUTS:
         others = ask(scene, opened, layout, limits)
         assert [name for name in answers if as_bytes(others[name]) != as_bytes(answers[name])] == [], layout
     decided = check_against_the_oracle(scene, answers["closest_hit"], answers["all_hits"], {})

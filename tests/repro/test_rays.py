@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from clbvh import Hits, Mesh, Scene, Tracer, Transform, build, make_shape
-from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.check.intersections import Rays
 from clbvh.trace.check.reference import Reference
+from clbvh.tree_layouts import TREE_LAYOUTS
 
 from ..kernel.casting import open_caster
 from ..rays import AXES, aim, as_float32, centred
@@ -45,7 +45,7 @@ def test_a_box_was_left_out_whose_triangle_is_hit(session, name):
         expected = cast("closest_hit", *ray)
     assert expected["prim_id"].tolist() == [prim_id]
     assert expected["t"][0] >= 0
-    for layout in LAYOUT_WIDTHS:
+    for layout in TREE_LAYOUTS:
         with open_caster(session, mesh, build(mesh, leaf_size=1), layout) as cast:
             assert cast("closest_hit", *ray).tolist() == expected.tolist(), layout
 

@@ -1,5 +1,6 @@
 """Scenes that were shadowed by themselves, moved in place of another one, or traversed with a stack too short."""
 
+from dataclasses import replace
 from itertools import chain
 from unittest.mock import Mock
 
@@ -11,6 +12,7 @@ from clbvh.builders import build
 from clbvh.layouts import device_arrays
 from clbvh.rendering import look_tables
 from clbvh.trace.world import changes, trees
+from clbvh.tree_layouts import LAYOUTS
 
 CAMERA = {"camera": clbvh.Camera((0, 0, 9), (0, 0, 0)), "width": 9, "height": 9}
 
@@ -52,7 +54,7 @@ def test_a_mesh_that_nothing_places_took_the_place_of_the_only_one_that_is_when_
 
 @pytest.mark.on_opencl
 def test_a_tree_that_got_deeper_was_traversed_with_the_stack_of_the_shallow_one(session, monkeypatch):
-    monkeypatch.setitem(trees._COMMON_STACK, "bvh2", 1)
+    monkeypatch.setitem(LAYOUTS, "bvh2", replace(LAYOUTS["bvh2"], common_stack=1))
     monkeypatch.setattr(trees, "_STACK_STEP", 1)
     count = 100
     corners, aside = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.2]]), np.array([2, -0.3, 0.1])

@@ -22,17 +22,9 @@ from ...geometry.corners import Bounded
 from ...layouts.device_mesh import open_session
 from ...layouts.device_prims import DevicePrims
 from ...layouts.wide import block_price
-from ...structs import (
-    BVH2_NODE,
-    LAYOUT_WIDTHS,
-    MERGE,
-    NODE,
-    PLACEMENT,
-    TREE_SUMMARY,
-    WIDE_CHOICES,
-    WIDE_NODES,
-)
+from ...structs import MERGE, NODE, PLACEMENT, TREE_SUMMARY, WIDE_CHOICES
 from ...support.stopwatch import Stopwatch
+from ...tree_layouts import LAYOUTS, Layout
 from ..options import BuildOptions
 from .passes import TILE_SIZE, Pass, plan_passes
 
@@ -53,34 +45,22 @@ class TreeForm(NamedTuple):
 
     Attributes
     ----------
-    width : int
-        Children of a node.
+    layout : Layout
+        `bvh2` if `as_rows`: the binary tree as it is.
     as_rows : bool
         Nodes as a `Bvh` has them.
     """
 
-    width: int
+    layout: Layout
     as_rows: bool = False
 
     @property
     def node(self) -> np.dtype:
         """The struct of a node."""
-        if self.as_rows:
-            return NODE
-        return WIDE_NODES[self.width] if self.width > 2 else BVH2_NODE
-
-    @classmethod
-    def of_layout(cls, layout: str) -> TreeForm:
-        """Return the form of a layout."""
-        return cls(LAYOUT_WIDTHS[layout])
-
-    @property
-    def block_width(self) -> int:
-        """Primitives of a block."""
-        return self.width if self.width > 2 else 1
+        return NODE if self.as_rows else self.layout.node
 
 
-_ROWS = TreeForm(2, as_rows=True)
+ROWS = TreeForm(LAYOUTS["bvh2"], as_rows=True)
 
 
 class BuiltTree(NamedTuple):
@@ -135,7 +115,7 @@ def build_fast(shape: Bounded, options: BuildOptions, device: DeviceInfo | str |
             session.finish()
             watch.lap(phase)
 
-        tree = build_tree_on(session, DevicePrims(session, session, shape), options, _ROWS, lap)
+        tree = build_tree_on(session, DevicePrims(session, session, shape), options, ROWS, lap)
         # Copied out of shared memory: 20 times as fast as a driver for CPUs fills new memory.
         with session.mapped(tree.nodes, tree.node_count, NODE, write=False) as mapped:
             nodes = mapped.copy()
@@ -170,7 +150,7 @@ def build_tree_on(
         The device has not enough memory: 180 bytes for each primitive besides the tree, or 80 for `bvh2`. Or it cuts
         long loops short.
     """
-    if session.info.cuts_loops and (form.width > 2 or prims.shape.prim_count > TILE_SIZE):
+    if session.info.cuts_loops and (form.layout.is_wide or prims.shape.prim_count > TILE_SIZE):
         raise DeviceError(f"{session.info.name} cuts long loops short and builds wrong trees: take another device")
     lap("upload")
     build = _Build(session, prims, options, form)
@@ -194,23 +174,23 @@ class _Build:
         self._kernels = session.kernels(
             "build_tree",
             {
-                "TREE_WIDTH": form.width,
+                "TREE_WIDTH": form.layout.width,
                 "AS_ROWS": int(form.as_rows),
                 "GROUPED": int(is_grouped),
                 "GROUP_SIZE": self._merge_group[0],
             },
         )
         merge_count = max(1, prims.shape.prim_count - 1)
-        is_wide = form.width > 2
+        width, is_wide = form.layout.width, form.layout.is_wide
         self._tree = {
             "points": prims.points,
             "corners": prims.corners,
             "pairs": self._sort(prims),
             "merges": session.allocate(merge_count * MERGE.itemsize),
-            "choices": session.allocate(merge_count * WIDE_CHOICES[form.width].itemsize) if is_wide else None,
+            "choices": session.allocate(merge_count * WIDE_CHOICES[width].itemsize) if is_wide else None,
             "is_node": session.allocate(merge_count),
             "placements": session.allocate(merge_count * PLACEMENT.itemsize),
-            "leaf_size": np.int32(min(options.leaf_size, form.width) if is_wide else options.leaf_size),
+            "leaf_size": np.int32(min(options.leaf_size, width) if is_wide else options.leaf_size),
             "traversal_cost": np.float32(options.traversal_cost),
             "block_price": block_price(prims.shape),
         }
@@ -262,7 +242,7 @@ class _Build:
     def place(self) -> BuiltTree:
         """Write the nodes, and the primitives of the leaves."""
         session, root = self._session, np.int32(self._root)
-        if self._form.width > 2:
+        if self._form.layout.is_wide:
             session.run(self._kernels["mark_root"], (1,), (1,), **self._tree, root=root)
             yes, no = np.int32(1), np.int32(0)
             self._run_tiles("visit_tiles", reversed(self._passes[1:]), marks=yes, counts=no)
@@ -275,7 +255,7 @@ class _Build:
         node_count, block_count = int(summary["node_count"][0]), int(summary["block_count"][0])
         node_count = 2 * node_count + 1 if self._form.as_rows else max(1, node_count)
         nodes = session.allocate(node_count * self._form.node.itemsize)
-        prims = session.allocate(4 * block_count * self._form.block_width)
+        prims = session.allocate(4 * block_count * self._form.layout.block_width)
         output = {"nodes": nodes, "prims": prims, "summary": summary_buffer}
         session.run(self._kernels["place_first"], (1,), (1,), **self._tree, **output, root=root)
         self._run_tiles("place_tiles", reversed(self._passes), **output)
@@ -285,7 +265,7 @@ class _Build:
             prims,
             node_count,
             block_count,
-            int(summary["stack_size"][0]) + (self._form.width - 1 if self._form.width > 2 else 0),
+            int(summary["stack_size"][0]) + self._form.layout.entry_stack,
             summary["aabb_min"][0],
             summary["aabb_max"][0],
         )

@@ -12,8 +12,8 @@ from itertools import product
 from typing import NamedTuple
 
 from ...choices import REPORT_SHADINGS, SHADINGS
-from ...structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, LAYOUTS
 from ...support.folders import find_folder
+from ...tree_layouts import LAYOUTS, TREE_LAYOUTS
 
 # Of every kernel of the host, whatever is asked for: a longer stack costs no time. Trees that need more are refused on
 # every device: a work-item's memory holds no more. No builder's tree is deeper than 64 levels, nor is the one over
@@ -28,7 +28,7 @@ _PARTS = {"render": _PICTURE_PARTS, "render_samples": _SAMPLE_PARTS}
 
 # The host's own layout. Pictures of it without any of the parts have kernels without them, which takes 12 to 15 % less
 # time; all others have one kernel with all parts, in which large functions are called, see cl/math/inlined.cl.
-_OWN_LAYOUT = LAYOUTS["bvh8"]
+_OWN_LAYOUT = LAYOUTS["bvh8"].number
 
 # A work-group is one thread, so that no kernel waits for others at a barrier.
 SORT_DIGIT_BITS = 10
@@ -106,9 +106,10 @@ def list_variants() -> list[Variant]:
 
 def _list_all() -> Iterator[Variant]:
     worlds = [
-        {"LAYOUT": number, "LONE": lone, "HAS_SPHERES": spheres, "EXACT": exact}
-        for number, (lone, spheres), exact in product(LAYOUTS.values(), ((1, 0), (1, 1), (0, 1)), (0, 1))
+        {"LAYOUT": layout.number, "LONE": lone, "HAS_SPHERES": spheres, "EXACT": exact}
+        for layout, (lone, spheres), exact in product(LAYOUTS.values(), ((1, 0), (1, 1), (0, 1)), (0, 1))
     ]
+    with_entry_points = {layout.number for layout in LAYOUTS.values() if layout.is_wide}
     for shading, world, has_cut in product(SHADINGS, worlds, (0, 1)):
         if shading not in REPORT_SHADINGS:
             yield Variant.of("render_samples", world | {"SHADING": SHADINGS[shading], "HAS_CUT": has_cut})
@@ -117,17 +118,16 @@ def _list_all() -> Iterator[Variant]:
         yield Variant.of("render", world | {"HAS_CUT": 1})
         for name in _OF_WORLDS:
             yield Variant.of(name, world)
-        if world["LAYOUT"] in (LAYOUTS[layout] for layout in ENTRY_POINT_LAYOUTS):
+        if world["LAYOUT"] in with_entry_points:
             yield Variant.of("view_entry_points", world)
         if world["LONE"]:
             yield Variant.of("closest_in_shard", world)
-    widths = sorted(set(LAYOUT_WIDTHS.values()))
-    for width, as_rows in product(widths, (0, 1)):
-        if width == widths[0] or not as_rows:
+    widths = sorted({(LAYOUTS[name].width, LAYOUTS[name].block_width) for name in TREE_LAYOUTS})
+    for (width, _), as_rows in product(widths, (0, 1)):
+        if width == 2 or not as_rows:
             yield Variant.of("build_tree", {"TREE_WIDTH": width, "AS_ROWS": as_rows} | _UNGROUPED)
-    for width in widths:
+    for width, block_width in widths:
         yield Variant.of("refit_nodes", {"TREE_WIDTH": width})
-        block_width = width if width > widths[0] else 1
         for has_spheres, has_fp64 in ((0, 0), (0, 1), (1, 0)):
             macros = {"BLOCK_WIDTH": block_width, "HAS_SPHERES": has_spheres, "HAS_FP64": has_fp64}
             yield Variant.of("write_blocks", macros)

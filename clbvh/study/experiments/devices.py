@@ -10,9 +10,9 @@ from ...device.select import choose_device, list_devices
 from ...errors import DeviceError
 from ...layouts.device_arrays import make_device_arrays
 from ...rendering.heat_map import FIELDS, QUANTITIES, count_picture, draw_heat_map, mean_steps, open_counter
-from ...structs import LAYOUT_WIDTHS
 from ...trace.hits.closest import count_steps
 from ...trace.tracer import Tracer
+from ...tree_layouts import TREE_LAYOUTS
 from ..bench import Bench
 from ..experiment import Experiment, published
 from ..page import REPORT, Axis, Figure, Part, Picture, Table
@@ -57,7 +57,7 @@ class Layouts(Experiment):
 
     def cases(self, scale: Scale) -> list[Case]:
         meshes = dict.fromkeys(map(scale.mesh, scale.pick(("bunny", "dragon"), ("dragon",))))
-        parts = [("builder", name) for name in _FLATTENING] + [("layout", name) for name in LAYOUT_WIDTHS]
+        parts = [("builder", name) for name in _FLATTENING] + [("layout", name) for name in TREE_LAYOUTS]
         return [{"part": part, "mesh": mesh, part: name} for mesh in meshes for part, name in parts]
 
     def measure(self, bench: Bench, case: Case) -> Sample:
@@ -173,7 +173,7 @@ class Devices(Experiment):
         return [
             {"mesh": mesh, "device": f"{info.name}, {info.platform}", "number": info.number, "layout": layout}
             for info in devices
-            for layout in LAYOUT_WIDTHS
+            for layout in TREE_LAYOUTS
         ]
 
     def measure(self, bench: Bench, case: Case) -> Sample:

@@ -15,7 +15,8 @@ from ...device.host.loops import Loops
 from ...device.session import DeviceSession
 from ...geometry import Shape
 from ...layouts.device_prims import DevicePrims
-from ...structs import BOX_LANES, LAYOUT_WIDTHS
+from ...structs import BOX_LANES
+from ...tree_layouts import LAYOUTS
 from .tree_box import TreeBox
 from .trees import DeviceTrees
 
@@ -55,8 +56,7 @@ class Refit:
     def __init__(self, trees: DeviceTrees, geometry_id: int, prims: DevicePrims, session: DeviceSession) -> None:
         self.prims, self.built, self.sah_cost, self.built_cost = prims, prims.shape, 0.0, 0.0
         owner, self._tree = trees.session, trees.trees[geometry_id]
-        self._width = LAYOUT_WIDTHS[trees.layout]
-        self._block_width = self._width if self._width > 2 else 1
+        self._layout = LAYOUTS[trees.layout]
         nodes, blocks = trees.download(session, geometry_id)
         levels = find_levels(list_children(nodes))
         order = np.argsort(levels, kind="stable").astype(np.int32)
@@ -97,10 +97,10 @@ class Refit:
         tree = moved.trees[geometry_id]
         blocks = moved.buffers[moved.block_buffer(geometry_id)]
         self.prims.write_blocks(
-            session, self._block_width, self._prim_ids, tree.block_count, blocks, first_block=tree.first_block,
+            session, self._layout.block_width, self._prim_ids, tree.block_count, blocks, first_block=tree.first_block,
             boxes=self._block_boxes,
         )  # fmt: skip
-        kernel = session.kernel("refit_nodes", {"TREE_WIDTH": self._width})
+        kernel = session.kernel("refit_nodes", {"TREE_WIDTH": self._layout.width})
         for begin, end, item_count in self._launches:
             session.run(
                 kernel, (item_count,), _WORK_GROUP if item_count > 1 else (1,),

@@ -29,7 +29,7 @@ class TopTree:
 
     Attributes
     ----------
-    nodes : (m,) `structs.BVH2_NODE`
+    nodes : (m,) `BVH2_NODE`
     instances : (n,) `structs.INSTANCE`
         In the order of the leaves.
     bvh : Bvh

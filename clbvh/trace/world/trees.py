@@ -34,8 +34,9 @@ from ...layouts.device_arrays import (
     make_device_arrays,
 )
 from ...layouts.device_prims import DevicePrims
-from ...structs import BVH2_NODE, COMPACT_LAYOUT, LAYOUT_WIDTHS, PRIM_KINDS, WIDE_NODES
+from ...structs import PRIM_KINDS
 from ...support.host_threads import HostThreads
+from ...tree_layouts import LAYOUTS, TREE_LAYOUTS
 from .tree_box import TreeBox
 
 if TYPE_CHECKING:
@@ -43,10 +44,7 @@ if TYPE_CHECKING:
 
 BRUTE = "brute"
 
-# Trees of up to a million triangles share one compiled kernel for each layout: a compilation takes a second or two on
-# PoCL. The dragon's tree needs 29, 48 and 72 entries. A longer stack costs no time: on PoCL 3.0 the bunny's kernels
-# with 16 to 128 entries perform alike. Deeper trees get the next multiple of the step.
-_COMMON_STACK = {"bvh2": 32, "bvh4": 64, "bvh8": 96, "bvh8c": 96}
+# Trees too deep for the common stack of their layout get the next multiple of this.
 _STACK_STEP = 16
 
 # The buffer of the blocks of each kind of primitives, by its number, and the most items that the device counts.
@@ -56,15 +54,16 @@ _MOST_ITEMS = np.iinfo(np.int32).max
 
 def check_layout(layout: str) -> None:
     """Raise `ConfigError` unless this is ``"auto"`` or the layout of a tree."""
-    known = ("auto", *LAYOUT_WIDTHS)
+    known = ("auto", *TREE_LAYOUTS)
     if layout not in known:
         raise ConfigError(f"layout must be one of {', '.join(known)}, not '{layout}'")
 
 
-# Bytes of a triangle in the largest buffer of a layout, at least; and in that of `bvh8`, whose blocks are seldom full,
-# at most: 48 to 60 of all meshes that were measured.
-_LEAST_BYTES = {"bvh2": 40, "bvh4": 40, "bvh8": 40, "bvh8c": 15}
+# Bytes of a triangle in the largest buffer of `bvh8`, whose blocks are seldom full, at most: 48 to 60 were measured.
 _USUAL_BYTES = 60
+
+# The layout of large scenes.
+_SMALLEST_LAYOUT = min(TREE_LAYOUTS, key=lambda name: LAYOUTS[name].least_bytes)
 
 
 def choose_layout(layout: str, info: DeviceInfo, shapes: Sequence[Shape]) -> str:
@@ -78,10 +77,12 @@ def choose_layout(layout: str, info: DeviceInfo, shapes: Sequence[Shape]) -> str
     count = sum(shape.prim_count for shape in shapes if isinstance(shape, Mesh))
     largest = info.max_allocation_bytes
     if layout == "auto":
-        layout = info.layout if count * _USUAL_BYTES <= largest else COMPACT_LAYOUT
-    least = count * _LEAST_BYTES[layout]
+        layout = info.layout if count * _USUAL_BYTES <= largest else _SMALLEST_LAYOUT
+    least = count * LAYOUTS[layout].least_bytes
     if least > largest:
-        advice = "take the layout bvh8c" if layout != COMPACT_LAYOUT else "cut the mesh by `clbvh shard`"
+        advice = (
+            f"take the layout {_SMALLEST_LAYOUT}" if layout != _SMALLEST_LAYOUT else "cut the mesh by `clbvh shard`"
+        )
         raise DeviceError(
             f"{count:,} triangles need a buffer of at least {least / 1e6:,.0f} MB in the layout {layout}, and the "
             f"largest one of the device '{info.name}' has {largest / 1e6:,.0f} MB: {advice}"
@@ -120,7 +121,7 @@ def pad_stack(layout: str, needed: int) -> int:
             f"the tree is too deep: as {layout} it needs a stack of {needed:,} entries, and the traversal's holds "
             f"{LONGEST_STACK:,}"
         )
-    return max(_COMMON_STACK.get(layout, _STACK_STEP), _STACK_STEP * math.ceil(needed / _STACK_STEP))
+    return max(LAYOUTS[layout].common_stack, _STACK_STEP * math.ceil(needed / _STACK_STEP))
 
 
 class Tree(NamedTuple):
@@ -234,9 +235,9 @@ class NewTree:
         # Imported here: a tracer of a finished tree needs no builder.
         from ...builders.device.build_device import TreeForm, build_tree_on
 
-        form, shape = TreeForm.of_layout(layout), prims.shape
+        form, shape = TreeForm(LAYOUTS[layout]), prims.shape
         built = build_tree_on(session, prims, options, form)
-        blocks = prims.make_blocks(session, form.block_width, built.prims, built.block_count)
+        blocks = prims.make_blocks(session, form.layout.block_width, built.prims, built.block_count)
         # Before the buffers of the build go: PoCL 3.0 reads freed ones where it compiles a kernel for the first time.
         session.finish()
         stack_size = pad_stack(layout, built.stack_size)
@@ -290,8 +291,7 @@ class DeviceTrees:
         DeviceError
             The trees do not fit the device.
         """
-        width = LAYOUT_WIDTHS.get(layout, 2)
-        dtypes = {"nodes": WIDE_NODES.get(width, BVH2_NODE)}
+        dtypes = {"nodes": LAYOUTS[layout].node}
         for kind, shape in {_kind_of(shape): shape for shape in shapes}.items():
             dtypes[_BLOCK_BUFFERS[kind]] = item_struct(shape, layout)
         joined = cls(session, layout, _place([new.tree for new in trees]), {}, dtypes, trees[0].find_box())

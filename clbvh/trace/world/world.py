@@ -21,7 +21,8 @@ from ...device.session import DeviceSession
 from ...errors import SceneError
 from ...geometry import Mesh, Shape
 from ...scene.state import SceneState
-from ...structs import ENTRY_POINT_LAYOUTS, EXACT_RAY, HIT, LAYOUTS, RAY_LOW, WORLD_HIT
+from ...structs import EXACT_RAY, HIT, RAY_LOW, WORLD_HIT
+from ...tree_layouts import LAYOUTS
 from .exact import NOT_EXACT, put_exact_arrays, spans_scales
 from .metrics import LazyMetrics
 from .refine_buffers import RefineBuffers
@@ -130,7 +131,7 @@ class World:
     @property
     def has_entry_points(self) -> bool:
         """Whether rays may begin elsewhere than at the root, see cl/traversal/entry_point.cl."""
-        return self.layout in ENTRY_POINT_LAYOUTS
+        return LAYOUTS[self.layout].is_wide
 
     @property
     def node_bytes(self) -> int:
@@ -184,7 +185,7 @@ class World:
 
 def make_defines(layout: str, stack_size: int, *, is_lone: bool, has_spheres: bool) -> dict[str, int]:
     """Return the macros of every kernel that traverses a world; see cl/world/world.cl."""
-    defines = {"LAYOUT": LAYOUTS[layout], "STACK_SIZE": stack_size, "LONE": int(is_lone)}
+    defines = {"LAYOUT": LAYOUTS[layout].number, "STACK_SIZE": stack_size, "LONE": int(is_lone)}
     defines["HAS_SPHERES"] = int(has_spheres)
     return defines if is_lone else defines | {"TOP_STACK_SIZE": TOP_STACK_SIZE}
 

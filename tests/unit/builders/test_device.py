@@ -11,12 +11,13 @@ import pytest
 from clbvh import BuildOptions, ConfigError, DeviceError, Mesh, Spheres, build, make_shape, sah_cost, validate_tree
 from clbvh.builders.build import build_shape, suit_options
 from clbvh.builders.device import build_device
-from clbvh.builders.device.build_device import TreeForm, build_tree_on
+from clbvh.builders.device.build_device import ROWS, TreeForm, build_tree_on
 from clbvh.builders.device.passes import CLUSTERS_LEFT, TILE_SIZE, plan_passes
 from clbvh.device.radix_sort import CPU_PLAN, GPU_PLAN, SortPlan, sort_pairs
 from clbvh.geometry.corners import find_corners
 from clbvh.layouts.device_prims import DevicePrims
 from clbvh.layouts.leaf_blocks import block_struct
+from clbvh.tree_layouts import LAYOUTS
 
 from ...soup import make_soup
 from ...worlds import arrays_of
@@ -26,7 +27,7 @@ pytestmark = pytest.mark.on_both
 
 FAST = BuildOptions(quality="fast")
 DEVICE_LAYOUTS = ("bvh2", "bvh4", "bvh8")
-FORMS = [TreeForm(2, as_rows=True), *map(TreeForm.of_layout, DEVICE_LAYOUTS)]
+FORMS = [ROWS, *(TreeForm(LAYOUTS[layout]) for layout in DEVICE_LAYOUTS)]
 
 
 @pytest.fixture
@@ -40,7 +41,7 @@ def grouped(session):
 def build_on(session, shape, form, options=FAST):
     """Return the nodes and the primitives that a device builds, and the tree."""
     tree = build_tree_on(session, DevicePrims(session, session, shape), options, form)
-    nodes, prims = np.empty(tree.node_count, form.node), np.empty(tree.block_count * form.block_width, np.int32)
+    nodes, prims = np.empty(tree.node_count, form.node), np.empty(tree.block_count * form.layout.block_width, np.int32)
     session.download(tree.nodes, nodes)
     session.download(tree.prims, prims)
     return nodes, prims, tree
@@ -62,10 +63,10 @@ def test_the_arrays_of_a_layout_are_those_that_the_host_makes_of_the_tree(sessio
         bvh = build_shape(shape, "fast", session.info)
         validate_tree(bvh, max_depth=64, max_leaf_size=FAST.leaf_size)
         for layout in DEVICE_LAYOUTS:
-            expected, form = arrays_of(bvh, layout), TreeForm.of_layout(layout)
+            expected, form = arrays_of(bvh, layout), TreeForm(LAYOUTS[layout])
             prims = DevicePrims(session, session, shape)
             tree = build_tree_on(session, prims, suit_options(shape, "fast"), form)
-            blocks = prims.make_blocks(session, form.block_width, tree.prims, tree.block_count)
+            blocks = prims.make_blocks(session, form.layout.block_width, tree.prims, tree.block_count)
             for buffer, array in ((tree.nodes, expected.nodes), (blocks, expected.blocks)):
                 found = np.empty_like(array)
                 session.download(buffer, found)
@@ -198,7 +199,9 @@ def test_leaf_size_and_cost_are_obeyed_and_the_default_leaves_suit_the_layout(se
         bvh = build(mesh, quality="fast", leaf_size=leaf_size, traversal_cost=30.0)
         most = bvh.nodes["count"].max()
         assert most == leaf_size if leaf_size < 3 else leaf_size // 4 < most <= leaf_size
-        _, prims, tree = build_on(session, mesh, TreeForm(8), BuildOptions(leaf_size=leaf_size, quality="fast"))
+        _, prims, tree = build_on(
+            session, mesh, TreeForm(LAYOUTS["bvh8"]), BuildOptions(leaf_size=leaf_size, quality="fast")
+        )
         assert len(prims) == 8 * tree.block_count
     assert sah_cost(build(mesh, quality="fast")) < sah_cost(build(mesh, quality="fast", leaf_size=1))
 
@@ -226,7 +229,7 @@ def test_a_device_without_room_for_the_build_says_how_much_it_lacks(session):
     with session.branch() as branch:
         branch.info = dataclasses.replace(session.info, max_allocation_bytes=50_000)
         with pytest.raises(DeviceError, match=r"cannot hold a buffer of 0\.\d MB"):
-            build_on(branch, make_shape("blobs", triangles=3000), TreeForm(8))
+            build_on(branch, make_shape("blobs", triangles=3000), TreeForm(LAYOUTS["bvh8"]))
 
 
 def test_spheres_and_blocks_are_those_of_their_shape():

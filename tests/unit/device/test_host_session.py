@@ -8,7 +8,7 @@ import pytest
 from clbvh import DeviceMemoryError, InternalError, Tracer
 from clbvh.device.host import compile, library
 from clbvh.device.open import open_device
-from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUTS
+from clbvh.tree_layouts import LAYOUTS, WIDE_LAYOUTS
 
 from ...packing import device_packs
 
@@ -64,12 +64,12 @@ def test_every_item_runs_once(host, scale_rows, size, group):
     assert host.times.sums_ms()["kernel"] > 0
 
 
-@pytest.mark.parametrize("layout", ENTRY_POINT_LAYOUTS)
+@pytest.mark.parametrize("layout", WIDE_LAYOUTS)
 @pytest.mark.parametrize("macros", [{"LONE": 1}, {"LONE": 1, "EXACT": 1}, {"LONE": 0, "HAS_SPHERES": 1}], ids=str)
 def test_an_entry_point_among_the_variables_of_a_kernel_has_the_alignment_of_vectors(host, tmp_path, layout, macros):
     (tmp_path / "kernels").mkdir()
     (tmp_path / "kernels" / "measure_batch.cl").write_text(BATCH_SOURCE)
-    macros = {"LAYOUT": LAYOUTS[layout], "STACK_SIZE": 32, "TOP_STACK_SIZE": 32} | macros
+    macros = {"LAYOUT": LAYOUTS[layout].number, "STACK_SIZE": 32, "TOP_STACK_SIZE": 32} | macros
     rests = np.full(3, -1, np.int32)
     host.run(host.kernels("measure_batch", macros, folder=tmp_path)["measure_batch"], (1,), (1,), rests=rests)
     assert rests.tolist() == [0, 0, 0]

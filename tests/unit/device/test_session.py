@@ -13,8 +13,8 @@ from clbvh.device.context import OpenclKernel
 from clbvh.device.open import open_device
 from clbvh.device.sources import expand_source, find_arguments
 from clbvh.device.times import CommandTimes
-from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUTS
 from clbvh.support.folders import find_folder
+from clbvh.tree_layouts import LAYOUTS, WIDE_LAYOUTS
 
 from ...concurrency.threads import run_in_threads
 
@@ -191,7 +191,7 @@ def test_another_text_or_another_macro_is_another_kernel_and_the_same_is_compile
 @pytest.mark.parametrize("layout", ["bvh2", "bvh8"])
 def test_every_shipped_kernel_builds_without_a_warning(session, layout):
     # What the compiler says would end up on the user's screen.
-    options = ["-cl-std=CL1.2", "-Werror", f"-DLAYOUT={LAYOUTS[layout]}", "-DSTACK_SIZE=4"]
+    options = ["-cl-std=CL1.2", "-Werror", f"-DLAYOUT={LAYOUTS[layout].number}", "-DSTACK_SIZE=4"]
     for path in sorted((find_folder("cl") / "kernels").glob("*.cl")):
         program = cl.Program(session.context, expand_source(f"kernels/{path.name}")).build(options)
-        assert bool(program.all_kernels()) == (layout in ENTRY_POINT_LAYOUTS or not path.stem.endswith("entry_points"))
+        assert bool(program.all_kernels()) == (layout in WIDE_LAYOUTS or not path.stem.endswith("entry_points"))

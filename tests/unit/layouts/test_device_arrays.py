@@ -11,22 +11,22 @@ from clbvh.geometry.corners import find_corners
 from clbvh.layouts import wide
 from clbvh.layouts.device_arrays import has_shared_blocks
 from clbvh.layouts.device_prims import DevicePrims
-from clbvh.structs import LAYOUT_WIDTHS, NO_PRIM, SHARED_UNIT
+from clbvh.structs import NO_PRIM
 from clbvh.support.host_threads import HostThreads
 from clbvh.trace.world.refit import Refit
 from clbvh.trace.world.trees import DeviceTrees, NewTree, RetiredBuffers
+from clbvh.tree_layouts import LAYOUTS, SHARED_UNIT, TREE_LAYOUTS
 
 from ...chain import make_chain
 from ...soup import make_soup
 from ...worlds import Arrays, arrays_of
 from ..hand_made import make_leaf, make_tree
 
-LAYOUTS = [*LAYOUT_WIDTHS]
 GREATEST = np.finfo(np.float32).max
 
 
 def is_wide(layout):
-    return LAYOUT_WIDTHS[layout] > 2
+    return LAYOUTS[layout].is_wide
 
 
 def unpack(units, unit):
@@ -57,7 +57,7 @@ def prims_of_leaf(units, unit):
 def children_of(arrays, layout, node):
     """Yield the box and the child of each slot of a node: a node's index, or its primitives in an array."""
     nodes, blocks = arrays.nodes[node], arrays.blocks
-    for slot in range(LAYOUT_WIDTHS[layout]):
+    for slot in range(LAYOUTS[layout].width):
         if is_wide(layout):
             child = nodes["child"][slot]
             prims = None
@@ -96,7 +96,7 @@ def check_arrays(arrays, layout, shape):
         degenerate = shape.degenerate_faces
         # No ray hits them, or a lane without a triangle.
         expected[degenerate] = np.nan
-    prims, values = rows_of(arrays.blocks, LAYOUT_WIDTHS[layout] if is_wide(layout) else 1)
+    prims, values = rows_of(arrays.blocks, LAYOUTS[layout].block_width)
     np.testing.assert_array_equal(values, np.where((prims == NO_PRIM)[:, None], np.nan, expected[prims]))
     assert sorted(prims[prims != NO_PRIM].tolist()) == list(range(shape.prim_count))
     points, ids = find_corners(shape)
@@ -177,12 +177,12 @@ def make_trees():
     yield from (make_tree(), make_leaf(), make_leaf(1), make_chain(300, "left")[1], make_chain(300, "right")[1])
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", TREE_LAYOUTS)
 def test_arrays_hold_every_primitive_once_and_stay_as_they_are_if_nothing_moves(layout, session):
     for bvh in make_trees():
         arrays = arrays_of(bvh, layout)
         # An entry point can push children that a descent from the root would not push.
-        spare = LAYOUT_WIDTHS[layout] - 1 if is_wide(layout) else 0
+        spare = LAYOUTS[layout].width - 1 if is_wide(layout) else 0
         assert arrays.stack_size == check_arrays(arrays, layout, bvh.shape) + spare
         if has_shared_blocks(bvh.shape, layout):
             continue

@@ -10,8 +10,8 @@ from clbvh import Spheres, build
 from clbvh.builders.build import build_shape
 from clbvh.geometry import joined_shapes
 from clbvh.layouts import device_arrays, wide
-from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.support.host_threads import HostThreads
+from clbvh.tree_layouts import LAYOUTS, TREE_LAYOUTS
 
 from ...chain import make_chain
 from ...soup import make_soup
@@ -38,7 +38,7 @@ def test_any_number_of_threads_makes_the_same_bytes(width, monkeypatch):
                     assert bytes_of(wide.widen(bvh, width, threads)) == expected
 
 
-@pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
+@pytest.mark.parametrize("layout", TREE_LAYOUTS)
 def test_small_trees_get_the_same_arrays_together(layout, monkeypatch):
     monkeypatch.setattr(joined_shapes, "_LEAST_SHAPES", 2)
     random = np.random.default_rng(5)
@@ -56,7 +56,7 @@ def test_small_trees_get_the_same_arrays_together(layout, monkeypatch):
 
     expected = [bytes_of_arrays(device_arrays.make_device_arrays(bvh, layout)) for bvh in bvhs]
     assert list(map(bytes_of_arrays, device_arrays.make_all_arrays(bvhs, layout))) == expected
-    if LAYOUT_WIDTHS[layout] > 2:
+    if LAYOUTS[layout].is_wide:
         alone = Mock()
         monkeypatch.setattr(device_arrays, "make_device_arrays", alone)
         device_arrays.make_all_arrays(bvhs, layout)

@@ -9,8 +9,8 @@ import trimesh
 import clbvh
 from clbvh import ConfigError, Mesh, QueryError, Spheres, Tracer, Transform, make_shape
 from clbvh.geometry import as_mesh
-from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.points import ambient_occlusion as query
+from clbvh.tree_layouts import TREE_LAYOUTS
 
 from .scene_states import affine, random_linear, turn
 
@@ -118,7 +118,7 @@ def test_layouts_cuts_and_orders_agree_and_seeds_do_not(open_tracer, source, mes
     points, normals = points_on(mesh, seed=7)
     expected = open_tracer(source).ambient_occlusion(points, normals, rays=100, seed=3)
     assert len(np.unique(expected)) > 10
-    for layout in LAYOUT_WIDTHS:
+    for layout in TREE_LAYOUTS:
         found = open_tracer(source, layout=layout).ambient_occlusion(points, normals, rays=100, seed=3)
         np.testing.assert_array_equal(found, expected)
     ask = open_tracer(source).ambient_occlusion

@@ -7,8 +7,8 @@ import trimesh
 from clbvh import ClosestPoints, ConfigError, Mesh, QueryError, Scene, Spheres, Tracer, build, make_shape
 from clbvh.geometry.smooth_normals import find_vertex_faces
 from clbvh.integrations.trimesh.nearest import choose_facing, find_nearest_vertices
-from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.points import queries
+from clbvh.tree_layouts import TREE_LAYOUTS
 
 from ...rays import centred
 from ...soup import make_soup
@@ -46,7 +46,7 @@ def as_bytes(closest):
 
 
 def test_they_are_right_in_any_layout_and_in_any_rounds(open_tracer, scene, known, monkeypatch):
-    answers = [open_tracer(scene, layout=layout).closest_points(known.points, K) for layout in LAYOUT_WIDTHS]
+    answers = [open_tracer(scene, layout=layout).closest_points(known.points, K) for layout in TREE_LAYOUTS]
     known.check_points(answers[0], K)
     monkeypatch.setattr(queries, "_MOST_SLOTS", 100)
     monkeypatch.setattr(queries, "_SPARE_SLOTS", 1)

@@ -7,13 +7,14 @@ import pytest
 
 from clbvh import Mesh, Tracer, make_shape
 from clbvh.rendering.cameras.framing import frame_mesh
-from clbvh.structs import ENTRY_POINT_LAYOUTS, TILE
+from clbvh.structs import TILE
 from clbvh.trace import put_rays
 from clbvh.trace.host_items import HostItems
 from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.rays.coherence import find_row_length
 from clbvh.trace.world.world import World
+from clbvh.tree_layouts import WIDE_LAYOUTS
 
 from ...profiles import seeds
 from ...property.random_scenes import KINDS, LINEAR, RAY_MASKS, make_scene, scale_scene
@@ -111,7 +112,7 @@ def check(session, state, asked, tiles):
     `asked` yields rays and limits, given the tracer.
     """
     answers = []
-    for layout in ENTRY_POINT_LAYOUTS:
+    for layout in WIDE_LAYOUTS:
         with Tracer(scene_of(state), device=session.info, layout=layout) as tracer:
             for has_entry_points in (True, False):
                 before = len(tiles)

@@ -5,10 +5,11 @@ import pytest
 import trimesh
 
 from clbvh import Mesh, QueryError, Tracer, build, make_shape
-from clbvh.structs import LAYOUT_WIDTHS, PACKED_RAY
+from clbvh.structs import PACKED_RAY
 from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.rays.pack import pack_rays
 from clbvh.trace.world.tree_box import TreeBox
+from clbvh.tree_layouts import TREE_LAYOUTS
 
 from ...rays import hard_rays
 
@@ -59,7 +60,7 @@ def ask(mesh, rays, layout, unit, length, device):
 
 
 @pytest.mark.filterwarnings("ignore:overflow encountered in ldexp")
-@pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
+@pytest.mark.parametrize("layout", TREE_LAYOUTS)
 def test_every_size_gives_the_same_bits(session, layout):
     mesh, generator = make_shape("blobs", triangles=640), np.random.default_rng(7)
     near, (origins, directions) = hard_rays(mesh, COUNT, generator), hard_rays(mesh, COUNT, generator)
@@ -70,7 +71,7 @@ def test_every_size_gives_the_same_bits(session, layout):
     assert 0 < (expected["limited"] != expected["prim_id"]).sum() < COUNT
     assert expected["inside"].any()
     cases = [(unit, LENGTHS[turn % len(LENGTHS)]) for turn, unit in enumerate(UNITS)] + EXTREMES
-    for unit, length in cases[[*LAYOUT_WIDTHS].index(layout) % 3 :: 3]:
+    for unit, length in cases[TREE_LAYOUTS.index(layout) % 3 :: 3]:
         for name, values in ask(mesh, rays, layout, unit, length, session.info).items():
             if (unit, length) not in EXTREMES or name not in OF_T:
                 assert values.tobytes() == expected[name].tobytes(), (name, unit, length)

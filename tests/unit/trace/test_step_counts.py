@@ -6,8 +6,8 @@ import pytest
 from clbvh import Mesh, RenderOptions, build, make_shape
 from clbvh.rendering.built_scene import BuiltScene
 from clbvh.rendering.heat_map import mean_steps, open_counter
-from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.hits.closest import count_steps
+from clbvh.tree_layouts import TREE_LAYOUTS
 
 from ..hand_made import make_leaf, make_tree
 from .scene_states import affine, make_state
@@ -37,7 +37,7 @@ def test_steps_by_hand(count):
             # Both; the second one's box is entered first. It has the hit; what was pushed is visited all the same.
             (2.25, 0.25): (2, 2, 3, 1),
         }),
-        *((make_leaf(prims), LAYOUT_WIDTHS, {(0.25, 0.25): (1, 1, prims, 0), (50.0, 0.25): (1, 0, 0, -1)})
+        *((make_leaf(prims), TREE_LAYOUTS, {(0.25, 0.25): (1, 1, prims, 0), (50.0, 0.25): (1, 0, 0, -1)})
           for prims in (1, 3, 4)),
         # The root of the tree over two instances, and that of each, are a step each; behind a hit no leaf is visited.
         (make_state([triangle], (0, affine()), (0, above)), ("bvh2",),

@@ -12,8 +12,8 @@ import trimesh
 
 from clbvh import DeviceMemoryError, MeshError, OpenMeshWarning, QueryError, Tracer, build, sah_cost
 from clbvh.device import program
-from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.world.refit import Refit
+from clbvh.tree_layouts import TREE_LAYOUTS
 
 from ...concurrency.queries import ask, make_queries
 from ...deform import deform
@@ -37,7 +37,7 @@ def answers_of_new(bvh, vertices, layout="auto"):
 
 
 class TestAnswers:
-    @pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
+    @pytest.mark.parametrize("layout", TREE_LAYOUTS)
     def test_they_are_those_of_a_new_tracer_whatever_the_size_and_place(self, bvh, mesh, layout):
         places = [(1, 0), (1e-149, 0), ([1, 1, 0], 0), (1e149, 0), ([1, 0, 0], 0), (1e-30, 1e-20), (0, 0), (1, 1e9)]
         with Tracer(bvh, layout=layout) as tracer:

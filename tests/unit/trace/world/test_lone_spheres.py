@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.structs import LAYOUT_WIDTHS
+from clbvh.tree_layouts import TREE_LAYOUTS
 from tests.spheres import make_spheres, sphere_rays
 
 SIDE = 272  # a picture with enough rays for entry points
@@ -46,7 +46,7 @@ def bytes_of(hits):
     return [np.ascontiguousarray(field).tobytes() for field in fields]
 
 
-@pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
+@pytest.mark.parametrize("layout", TREE_LAYOUTS)
 def test_rays_find_what_they_find_through_instances(layout, generator, spheres):
     # A mask that leaves out a bit takes the rays through the tree over the instances.
     with (

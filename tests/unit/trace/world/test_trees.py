@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh import ConfigError, DeviceError, build, make_shape
-from clbvh.structs import LAYOUT_WIDTHS, LAYOUTS, TRIANGLE
+from clbvh.tree_layouts import LAYOUTS, TREE_LAYOUTS, TRIANGLE
 
 from ....chain import make_chain
 from ....worlds import arrays_of, open_mesh
@@ -17,7 +17,7 @@ def bvh():
     return build(make_shape("blobs", triangles=640))
 
 
-@pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
+@pytest.mark.parametrize("layout", TREE_LAYOUTS)
 def test_a_tree_is_uploaded_in_its_layout(session, bvh, layout):
     world = open_mesh(session, bvh.mesh, bvh, layout)
     arrays = arrays_of(bvh, layout)
@@ -28,8 +28,8 @@ def test_a_tree_is_uploaded_in_its_layout(session, bvh, layout):
         session.download(buffer, obtained)
         assert obtained.tobytes() == expected.tobytes()
     assert world.memory_bytes == arrays.nodes.nbytes + arrays.blocks.nbytes
-    assert world.defines["LAYOUT"] == LAYOUTS[layout]
-    assert arrays.stack_size <= world.defines["STACK_SIZE"] == {"bvh2": 32, "bvh4": 64, "bvh8": 96, "bvh8c": 96}[layout]
+    assert world.defines["LAYOUT"] == LAYOUTS[layout].number
+    assert arrays.stack_size <= world.defines["STACK_SIZE"] == LAYOUTS[layout].common_stack
 
 
 @pytest.mark.parametrize(("triangles", "stack_size"), [(1, 32), (2, 32), (33, 32), (34, 48), (49, 48), (50, 64)])
@@ -70,7 +70,7 @@ def test_without_a_tree_there_are_triangles_only(session, bvh):
     assert open_mesh(session, bvh.mesh, bvh, "auto").layout == session.info.layout
     world = open_mesh(session, bvh.mesh)
     assert world.layout == "brute"
-    assert (world.defines["LAYOUT"], world.defines["STACK_SIZE"]) == (LAYOUTS["brute"], 16)
+    assert (world.defines["LAYOUT"], world.defines["STACK_SIZE"]) == (LAYOUTS["brute"].number, 16)
     assert world.memory_bytes == bvh.mesh.face_count * TRIANGLE.itemsize
     triangles = np.empty(bvh.mesh.face_count, TRIANGLE)
     session.download(world.arguments["blocks"], triangles)
