@@ -12,17 +12,7 @@ import math
 import numpy as np
 
 from .choices import MAX_BINS, MAX_LEAF_SIZE, SHADINGS, TONE_CURVES
-from .tree_layouts import (
-    BVH2_NODE,
-    LAYOUTS,
-    SHARED_UNIT,
-    SPHERE,
-    TRIANGLE,
-    WIDE_WIDTHS,
-    sphere_block,
-    triangle_block,
-    wide_node,
-)
+from .tree_layouts import LAYOUT_STRUCTS, LAYOUTS, WIDE_WIDTHS
 
 _LANE_BYTES = 4
 
@@ -445,13 +435,7 @@ LIGHT_CHOICE = np.dtype(
 # Structs by their C names, in the order of their declarations.
 DEVICE_STRUCTS = {
     "row_node_t": NODE,
-    "bvh2_node_t": BVH2_NODE,
-    "triangle_t": TRIANGLE,
-    **{f"bvh{width}_node_t": wide_node(width) for width in WIDE_WIDTHS},
-    **{f"block{width}_t": triangle_block(width) for width in WIDE_WIDTHS},
-    "shared_unit_t": SHARED_UNIT,
-    "sphere_t": SPHERE,
-    **{f"sphere{width}_t": sphere_block(width) for width in WIDE_WIDTHS},
+    **LAYOUT_STRUCTS,
     "merge_t": MERGE,
     **{f"choice{width}_t": WIDE_CHOICES[width] for width in WIDE_WIDTHS},
     "placement_t": PLACEMENT,

@@ -137,3 +137,14 @@ LAYOUTS = {
 TREE_LAYOUTS = tuple(layout.name for layout in LAYOUTS.values() if layout.width)
 WIDE_LAYOUTS = tuple(layout.name for layout in LAYOUTS.values() if layout.is_wide)
 WIDE_WIDTHS = tuple(sorted({LAYOUTS[name].width for name in WIDE_LAYOUTS}))
+
+# The structs by their C names, in the order of their declarations.
+LAYOUT_STRUCTS = {
+    "bvh2_node_t": BVH2_NODE,
+    "triangle_t": TRIANGLE,
+    **{f"bvh{width}_node_t": wide_node(width) for width in WIDE_WIDTHS},
+    **{f"block{width}_t": triangle_block(width) for width in WIDE_WIDTHS},
+    "shared_unit_t": SHARED_UNIT,
+    "sphere_t": SPHERE,
+    **{f"sphere{width}_t": sphere_block(width) for width in WIDE_WIDTHS},
+}
