@@ -1,4 +1,4 @@
-"""Every struct of the engine, once: numpy dtypes, named lanes, constants, and the C text made from them.
+"""Every struct that crosses to a device, once: numpy dtypes, named lanes, constants, and the C text made from them.
 
 Host arrays use the dtypes. Compiled loops access the same memory as 4-byte lanes, whose indices are derived from the
 dtypes. Kernels include the text of `c_declarations`; a test writes a different value into every field and reads it back
@@ -321,7 +321,7 @@ VIEW = np.dtype(
         ("lens_right", "f4", 3),
         ("lens_up", "f4", 3),
         ("inverse_focus", "f4"),
-        # The picture in the plane of its projection, see clbvh/rendering/lens.py.
+        # The picture in the plane of its projection, see clbvh/rendering/cameras/lens.py.
         ("centre", "f4", 2),
         ("half_size", "f4", 2),
         ("shear", "f4"),

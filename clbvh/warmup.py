@@ -1,4 +1,4 @@
-"""Runs each kind of work on a device once at small scale, so that its driver compiles before somebody waits for it.
+"""Runs each kind of work once at small scale, so that a driver compiles before anybody waits for it.
 
 There is no list of kernels: real calls compile what real calls need. The host's own are compiled in the package.
 """

@@ -4,7 +4,7 @@
 // The order of primitives is that of (distance, instance_id, prim_id). It does not depend on the layout, because every
 // primitive that may be the first is tested, and its distance has the same bits in every layout.
 //
-// metrics[]    metric_record_t: of the instances, by their ids; NULL with a lone shape
+// metrics[]    metric_record_t of each instance, by instance_id; a lone shape has one, too, and does not read it
 //
 // Other arguments that the kernels share: see world/world.cl. Assumes TOP_STACK_SIZE as in instances/traverse.cl.
 

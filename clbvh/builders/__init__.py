@@ -1,1 +1,1 @@
-"""A mesh becomes a tree on the host, by worker processes or in the calling process."""
+"""Shape to tree: each builder in a folder, and the pool of worker processes."""

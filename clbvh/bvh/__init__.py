@@ -1,4 +1,4 @@
-"""The finished tree over a mesh, and everything that follows from it alone: checks, cost, depth, refit, files."""
+"""The finished tree, and what follows from it alone: checks, SAH cost, refit, saved trees."""
 
 from .bvh import Bvh, sah_cost
 from .validate import validate_tree

@@ -1,4 +1,4 @@
-"""The command line: one file per verb, and the only place that prints.
+"""The command line: one file per command, and the only folder that prints.
 
 A worker process imports this file, and no other of the command line, when it starts; so it stays nearly empty.
 """

@@ -1,1 +1,1 @@
-"""Every OpenCL runtime gives the same answers: a fixed set of meshes, rays and points, and what was stored of them."""
+"""Stored answers to fixed rays and points, and the check of a device against them."""

@@ -1,1 +1,1 @@
-"""Where code runs: the host and the devices of OpenCL, which there are, how to open one, how to compile for it."""
+"""The host and the devices of OpenCL behind one session: choice, kernels, settings, doctor."""

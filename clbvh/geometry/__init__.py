@@ -1,4 +1,4 @@
-"""Shapes in memory: meshes and spheres, the files they are loaded from, and made-up meshes. Knows nothing of trees."""
+"""Shapes in memory: meshes, spheres, boxes, materials; mesh files, procedural shapes. Knows nothing of trees."""
 
 from .as_mesh import MeshLike, as_mesh
 from .fetch import find_known_mesh

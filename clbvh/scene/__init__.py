@@ -1,1 +1,1 @@
-"""The content of a scene: geometries and their instances. Knows nothing of trees, devices and pictures."""
+"""Objects, instances and parts with their names, as values; saved scenes. Knows nothing of trees and pictures."""

@@ -1,4 +1,4 @@
-"""The report's experiments, repeated on this machine, and the contest with other engines.
+"""The experiments of the report, repeated on this machine, and the contest with other engines.
 
 An experiment is a table of cases, a function that takes one sample of a case, and a function that arranges the samples
 as tables and figures: one file each, in `experiments/`. Sampling, resuming, statistics, drawing and the page are

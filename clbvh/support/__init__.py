@@ -1,1 +1,1 @@
-"""Things that any program needs, none of them about rays."""
+"""Threads, atomic files, the cache folder, free memory: nothing that knows of rays."""

@@ -86,7 +86,7 @@ class Tracer(RayQueries, PointQueries, PairQueries, Moves):
         The device: a number, part of its name, ``"gpu"`` or ``"host"``; by default a GPU, if there is one, or else the
         host.
     layout : str
-        ``"auto"``, ``"bvh2"``, ``"bvh4"`` or ``"bvh8"``.
+        ``"auto"``, ``"bvh2"``, ``"bvh4"``, ``"bvh8"``, or ``"bvh8c"``, which takes half the memory of ``"bvh8"``.
     quality : str
         Of the trees that are built: ``"default"``; ``"fast"``, built on the device, which suits meshes that change; or
         ``"high"``. See `clbvh.BuildOptions`. A finished tree is taken as it is.

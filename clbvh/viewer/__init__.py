@@ -1,1 +1,1 @@
-"""Something to look through: live pictures of a scene, in a page of the browser or in a notebook."""
+"""Live pictures of a scene, in a page of the browser or in a notebook."""

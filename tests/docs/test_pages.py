@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import doctest
 import importlib
+import importlib.util
 import re
 import shlex
 import textwrap
@@ -199,6 +200,20 @@ def test_the_architecture_names_files_and_lists_that_exist():
 def replace_placeholders(command: str) -> list[str]:
     """Return the words of a command line, with a file in place of what stands for one."""
     return [PLACEHOLDERS.get(word, word) for word in shlex.split(command)]
+
+
+def test_lists_of_folders_are_those_of_the_import_contract():
+    script = REPOSITORY / ".ci" / "list_folders.py"
+    spec = importlib.util.spec_from_file_location("list_folders", script)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    folders = module.list_folders()
+    assert {path for path in folders if path.endswith("/")} == {
+        f"clbvh/{path.parent.name}/" for path in (REPOSITORY / "clbvh").glob("*/__init__.py")
+    }
+    assert all(folders.values())
+    for page, text in module.write_pages().items():
+        assert page.read_text("utf-8") == text, f"{name(page)} is old: run `python .ci/list_folders.py`"
 
 
 def test_benchmarks_that_pages_name_can_be_imported():

@@ -19,7 +19,7 @@ const HELP = [
   ["Drag", "orbit; in flight, look around"], ["Right or Shift drag, two fingers", "pan"], ["Wheel, pinch", "zoom"],
   ["Click", "face, part, location"], ["Two clicks", "distance"], ["Double click", "go there"],
   ["Arrows", "move; with Shift faster"], ["G, then W A S D Q E", "fly"], ["F R B L T U I", "sides, iso"],
-  ["1 to 7", "shading"], ["M", "wireframe"], ["Space", "turntable"], ["H", "home"], ["Esc", "clear the marks"],
+  ["1 to 8", "shading"], ["M", "wireframe"], ["Space", "turntable"], ["H", "home"], ["Esc", "clear the marks"],
 ];
 
 function make(tag, properties = {}, ...children) {
