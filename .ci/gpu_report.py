@@ -1,4 +1,6 @@
-"""Compiles every kernel for GPUs that need not be here, and writes what the compilers say into docs/internals/gpu.md.
+"""Compiles every kernel for GPUs that need not be here, and writes what the compilers say into docs/internals/.
+
+The page gpu.md has the layout of GPUs and the kernels without a tree, gpu-layouts.csv the other layouts.
 
 Clang 15 compiles for AMD's GPUs, and into PTX, from which NVIDIA's `ptxas` makes the code of its GPUs; libclc has
 OpenCL's built-in functions. Sources, macros and options are those of the program. The figures are static: registers and
@@ -11,6 +13,8 @@ nothing.
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import os
 import re
 import shutil
@@ -34,6 +38,7 @@ from clbvh.trace.world.world import make_defines
 from clbvh.tree_layouts import LAYOUTS, TREE_LAYOUTS
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "internals" / "gpu.md"
+TABLE = PAGE.with_name("gpu-layouts.csv")
 # The tables stand between these lines of the page.
 BEGIN, END = "<!-- figures: begin -->", "<!-- figures: end -->"
 
@@ -49,8 +54,14 @@ _GROUP_SIZE = 64
 _OF_NO_TREE = ("add_samples", "develop", "pack_rays", "refine_hits", "settle_tiles")
 
 # Files of several kernels, by which trees are built and refitted; the wide layouts differ by their width alone.
-_OF_BUILDS = ("build_tree", "radix_sort", "write_blocks", "refit_nodes")
+_OF_BUILDS = ("build_tree", "radix_sort", "write_blocks", "refit_nodes", "take_mesh")
 _LAYOUTS_OF_BUILDS = ("bvh2", "bvh8")
+
+# The layout that GPUs get.
+_LAYOUT_OF_GPUS = "bvh2"
+
+# Empty in scenes.
+_OF_LONE_SHAPES = ("closest_in_shard",)
 
 
 @dataclass(frozen=True)
@@ -87,8 +98,8 @@ AMD = (
 NVIDIA = (
     Gpu("sm_75", 32, 64 * _KIB),
     Gpu("sm_80", 64, 164 * _KIB),
+    # sm_89 had the same figures in every kernel (ptxas 12.9).
     Gpu("sm_86", 48, 100 * _KIB),
-    Gpu("sm_89", 48, 100 * _KIB),
     Gpu("sm_90", 64, 228 * _KIB),
 )
 
@@ -171,7 +182,7 @@ def list_programs(layouts: Sequence[str] = TREE_LAYOUTS) -> Iterator[Program]:
             if kernel.endswith("entry_points") and not LAYOUTS[layout].is_wide:
                 continue
             stack_size = pad_stack(layout, 0)
-            for is_lone in (True, False):
+            for is_lone in (True,) if kernel in _OF_LONE_SHAPES else (True, False):
                 defines = make_defines(layout, stack_size, is_lone=is_lone, has_spheres=False)
                 yield from _list_variants(kernel, layout, not is_lone, defines)
 
@@ -185,6 +196,7 @@ def list_build_programs() -> Iterator[Program]:
             yield Program(kernel, f", `{layout}`", layout, False, {"TREE_WIDTH": LAYOUTS[layout].width, **defines})
     sort = {"DIGIT_BITS": GPU_PLAN.digit_bits, "GROUP_SIZE": GPU_PLAN.group_size}
     yield Program("radix_sort", "", "", False, sort)
+    yield Program("take_mesh", "", "", False)
 
 
 def _list_variants(kernel: str, layout: str, of_scene: bool, defines: Mapping[str, int]) -> Iterator[Program]:
@@ -287,8 +299,8 @@ def _run(command: Sequence[str], text: str | None = None) -> subprocess.Complete
     return done
 
 
-def make_rows(program: Program, ptxas: Path) -> list[str]:
-    """Return the rows of a table for the kernels of a program."""
+def make_rows(program: Program, ptxas: Path) -> list[list[str]]:
+    """Return the cells of a table for the kernels of a program: the label, a cell for each GPU, the loads."""
     ptx = compile_to_ptx(program)
     of_gpus = [compile_for_amd(program, gpu) for gpu in AMD]
     of_gpus += [assemble_for_nvidia(program, ptx, gpu, ptxas) for gpu in NVIDIA]
@@ -296,21 +308,40 @@ def make_rows(program: Program, ptxas: Path) -> list[str]:
     for kernel in of_gpus[0]:
         loads, words = count_loads(ptx.partition(f".entry {kernel}(")[2].partition(".entry")[0])
         label = kernel + program.label if program.kernel in _OF_BUILDS else program.label
-        cells = (str(figures[kernel]) for figures in of_gpus)
-        rows.append(" | ".join(("| " + label, *cells, f"{loads} of {words} |")))
+        rows.append([label, *(str(figures[kernel]) for figures in of_gpus), f"{loads} of {words}"])
     return rows
 
 
-def write_tables(programs: Sequence[Program], rows: Sequence[Sequence[str]], ptxas: Path) -> str:
+_HEAD = ["kernel", *(gpu.name for gpu in (*AMD, *NVIDIA)), "loads"]
+
+
+def is_on_page(program: Program) -> bool:
+    """Return whether the page has the figures of a program; those of the wide layouts are in the file beside it."""
+    return program.title in ("Builds", "No tree") or program.layout == _LAYOUT_OF_GPUS
+
+
+def write_tables(programs: Sequence[Program], rows: Sequence[Sequence[Sequence[str]]], ptxas: Path) -> str:
     """Return the tables, one for each layout and kind of tree, under the versions of the compilers."""
     release = re.search(r"release ([\d.]+, V[\d.]+)", _run([str(ptxas), "--version"]).stdout)
     version = _run([CLANG, "--version"]).stdout.splitlines()[0]
     lines = [f"Compilers: {version}; libclc 15; ptxas {release[1] if release else ''}."]
-    names = " | ".join(gpu.name for gpu in (*AMD, *NVIDIA))
-    for title in sorted({program.title for program in programs}):
-        lines += ["", f"### {title}", "", f"| kernel | {names} | loads |", "|---|" + "---|" * (len(AMD + NVIDIA) + 1)]
-        lines += [row for program, found in zip(programs, rows, strict=True) if program.title == title for row in found]
+    tables: dict[str, list[Sequence[str]]] = {}
+    for program, found in zip(programs, rows, strict=True):
+        tables.setdefault(program.title, []).extend(found)
+    for title, table in sorted(tables.items()):
+        lines += ["", f"### {title}", "", f"| {' | '.join(_HEAD)} |", "|---" * len(_HEAD) + "|"]
+        lines += [f"| {' | '.join(cells)} |" for cells in table]
     return "\n".join(lines)
+
+
+def write_file(programs: Sequence[Program], rows: Sequence[Sequence[Sequence[str]]]) -> str:
+    """Return the figures of the wide layouts as CSV, with the title of a table in front of each row."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["tree", *_HEAD])
+    for program, found in zip(programs, rows, strict=True):
+        writer.writerows([program.title.replace("`", ""), *cells] for cells in found)
+    return text.getvalue().replace("**", "")
 
 
 def main() -> int:  # noqa: D103
@@ -327,10 +358,13 @@ def main() -> int:  # noqa: D103
     programs = [program for program in everything if arguments.only in program.kernel + program.label]
     with ThreadPoolExecutor(arguments.jobs) as threads:
         rows = list(threads.map(lambda program: make_rows(program, ptxas), programs))
-    tables = write_tables(programs, rows, ptxas)
     if arguments.only:
-        print(tables)
+        print(write_tables(programs, rows, ptxas))
         return 0
+    here = [number for number, program in enumerate(programs) if is_on_page(program)]
+    tables = write_tables([programs[number] for number in here], [rows[number] for number in here], ptxas)
+    others = [number for number in range(len(programs)) if number not in here]
+    TABLE.write_text(write_file([programs[number] for number in others], [rows[number] for number in others]), "utf-8")
     page = PAGE.read_text(encoding="utf-8")
     before, after = page.split(BEGIN)[0], page.split(END)[1]
     PAGE.write_text(f"{before}{BEGIN}\n{tables}\n{END}{after}", encoding="utf-8")
