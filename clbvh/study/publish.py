@@ -1,4 +1,4 @@
-"""The documents that quote a study: a page of all its tables and figures, and the table in the README.
+"""The documents that quote a study: a page of all its tables, and the table in the README.
 
 ``python -m clbvh.study.publish out/study`` (`make results`) copies the samples of a study beside the documents and
 writes both from them. A test writes them again from these samples, and compares: no figure in them can be typed in.
@@ -14,7 +14,7 @@ from ..support.files import write_atomically
 from .experiments import EXPERIMENTS
 from .experiments.peers import list_leads
 from .machine import FILE_NAME as MACHINES_NAME, read_machines
-from .page import README, RESULTS, Figure, Section, render
+from .page import README, RESULTS, render
 from .samples import FILE_NAME as SAMPLES_NAME, Results, SampleFile
 from .scale import FULL, QUICK, TINY
 
@@ -44,30 +44,10 @@ def open_study(folder: Path) -> dict[str, Results]:
 
 
 def write_results(study: dict[str, Results]) -> str:
-    """Return the page of all tables and figures."""
+    """Return the page of all tables."""
     machine, size = study["peers"].machine, study["peers"].scale.name
-    return render(
-        RESULTS, machine=machine, sections=_make_sections(study), folder=SAMPLES_FOLDER, size=size,
-        name_figure=_name_figure,
-    )  # fmt: skip
-
-
-def draw_results(study: dict[str, Results]) -> dict[str, bytes]:
-    """Return the figures of the page, SVG files by their names."""
-    return {
-        _name_figure(section, number): part.draw()
-        for section in _make_sections(study)
-        for number, part in enumerate(section.parts, start=1)
-        if isinstance(part, Figure)
-    }
-
-
-def _make_sections(study: dict[str, Results]) -> list[Section]:
-    return [EXPERIMENTS[name].make_section(results) for name, results in study.items() if results.cases]
-
-
-def _name_figure(section: Section, number: int) -> str:
-    return f"{section.name}-{number}.svg"
+    sections = [EXPERIMENTS[name].make_section(results) for name, results in study.items() if results.cases]
+    return render(RESULTS, machine=machine, sections=sections, folder=SAMPLES_FOLDER, size=size)
 
 
 def write_readme_table(study: dict[str, Results]) -> str:
@@ -99,10 +79,6 @@ def publish(source: Path, project: Path) -> None:
     _write(target / MACHINES_NAME, (source / MACHINES_NAME).read_bytes())
     study = open_study(target)
     _write(project / "docs" / RESULTS_NAME, write_results(study).encode())
-    for old in target.glob("*.svg"):
-        old.unlink()
-    for name, drawing in draw_results(study).items():
-        _write(target / name, drawing)
     readme = project / README_NAME
     before, begin, rest = readme.read_text("utf-8").partition(BEGIN)
     if begin:
