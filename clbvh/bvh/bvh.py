@@ -38,15 +38,15 @@ class Bvh:
     Attributes
     ----------
     nodes : (N,) `structs.NODE`
-        In the shape's local coordinates. Node 0 is the root. Siblings are neighbours, and the left child's subtree
-        comes before the right one's. All nodes are used.
+        Boxes in the shape's local coordinates. Node 0 is the root. Siblings are neighbours, and the left child's
+        subtree comes before the right one's. All nodes are used.
     prim_ids : (F,) int32
         A permutation of the mesh's faces: leaf `nodes[i]` holds
         ``prim_ids[first : first + count]``.
     shape : Mesh
-        What `prim_ids` refers to. In the trees of a scene also spheres, or the boxes of its instances.
+        The indexed shape; in the trees of a scene also spheres, or the boxes of its instances.
     mesh : Mesh
-        The shape.
+        The shape, of trees over meshes.
     timings_ms : mapping of str to float
         Wall time of each phase of the build, or of `refit` or `load`, in milliseconds.
 

@@ -1,4 +1,4 @@
-"""The links between nodes: whether they make a tree, of a builder as of a file that nobody trusts."""
+"""The check that links between nodes make a tree, for nodes of a builder or of an untrusted file."""
 
 from __future__ import annotations
 

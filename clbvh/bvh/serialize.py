@@ -75,7 +75,7 @@ def read_tree(path: str | os.PathLike[str], shape: Shape) -> tuple[NDArray[np.vo
     ----------
     path : str or path
     shape : Mesh or Spheres
-        What the tree was built over: the same faces and local vertices, or local centres and radii.
+        Shape that the tree was built over: the same faces and local vertices, or local centres and radii.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def read_tree(path: str | os.PathLike[str], shape: Shape) -> tuple[NDArray[np.vo
     -----
     O(N + F), with memory for twice the largest tree over the shape, whatever sizes the file claims.
     """
-    # A tree over F primitives has at most 2 F - 1 nodes; a longer file is seen to be one.
+    # A tree over F primitives has at most 2 F - 1 nodes, so 5 F - 2 words. A longer file fills more, and is refused.
     payload = np.empty(5 * shape.prim_count, _WORD)
     with read_errors_as(TreeFileError, path), open_regular(Path(path)) as file:
         header, size = file.read(_HEADER.size), file.readinto(payload.data.cast("B"))

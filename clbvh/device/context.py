@@ -21,12 +21,12 @@ from .kernel import Kernel
 
 
 class _OpenCL:
-    """The use of OpenCL in this process; asked at every step of a query, so by two flags instead of process ids."""
+    """The use of OpenCL in this process. Flags, not process ids: every step of a query looks at them."""
 
     is_started: ClassVar[bool] = False
     is_inherited: ClassVar[bool] = False
     sessions: ClassVar[WeakSet[Any]] = WeakSet()
-    kept: ClassVar[list[Any]] = []  # what must never be released
+    kept: ClassVar[list[Any]] = []  # handles that must never be released
 
 
 def claim_opencl() -> None:

@@ -44,7 +44,7 @@ _LIBRARY_FOLDERS = f"""
     /usr/local/nvidia/lib64 /usr/lib/wsl/lib /run/opengl-driver/lib /opt/rocm/lib /opt/intel/oneapi/compiler/latest/lib
 """.split()
 
-# By PCI vendor id: the vendors of GPUs, and the command that brings their driver.
+# Vendors of GPUs by their PCI vendor id, and the command that installs their driver.
 _GPUS = {
     0x10DE: ("NVIDIA", "$ sudo apt install libnvidia-compute-VERSION    # VERSION: that of the driver"),
     0x1002: ("AMD", "$ sudo apt install rocm-opencl-runtime    # from AMD, or mesa-opencl-icd; join the group render"),

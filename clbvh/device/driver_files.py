@@ -27,7 +27,7 @@ SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 DRIVERS_VARIABLE = "CLBVH_DRIVERS"
 POCL_VARIABLE = "POCL_CACHE_DIR"
 
-# Name the drivers of a process, in the order in which the loader reads them.
+# Variables that name the drivers of a process, in the order in which the loader reads them.
 VENDOR_VARIABLES = ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH")
 
 _first_call = threading.RLock()
@@ -90,7 +90,7 @@ def read_driver_files() -> list[DriverFile]:
     return [_read(path) for folder in folders for path in sorted(folder.glob("*.icd"))]
 
 
-# Drivers of processors alone. Mesa's are none: distributions choose the GPUs that they serve.
+# Drivers that serve CPUs alone. Mesa's are not listed: distributions choose the GPUs that they serve.
 _OF_PROCESSORS = ("libpocl", "libintelocl", "liboclgrind")
 
 

@@ -35,7 +35,7 @@ class DeviceInfo:
     is_available : bool
         False if the driver reports that the device or its compiler cannot be used.
     cl_device : pyopencl.Device
-        The handle; None of the host, in a description that comes from elsewhere, and in one that was copied or pickled.
+        The handle; None for the host, and in descriptions that were copied, pickled, or came from another process.
 
     Examples
     --------

@@ -103,7 +103,7 @@ class OpenclSession(DeviceSession):
 
     def branch(self, times: CommandTimes | None = None) -> OpenclSession:
         """See `DeviceSession`."""
-        # Not whatever context the device has by now: the buffers of this session are in its own.
+        # The context of this session's buffers; the device may have another one by now.
         return type(self)(self.info, self, times, self.shared)
 
     def kernels(
@@ -231,7 +231,7 @@ class OpenclSession(DeviceSession):
         except self._cl.Error as error:
             code = getattr(error, "code", None)  # errors that pyopencl finds itself have none
             if code in _CONTEXT_IS_LOST:
-                forget_context(getattr(self, "shared", None))  # none while it opens
+                forget_context(getattr(self, "shared", None))  # missing while it opens
             kind = DeviceMemoryError if code in _OUT_OF_MEMORY else DeviceError
             raise _explain(self.info, action, error, kind) from error
 

@@ -7,7 +7,7 @@ a processor that it does not know, such as AMD's Zen 5, "generic", and then refu
 text in the record of the device, to which the handle points: this module overwrites the text by the name of an older
 processor with the same vector instructions. Nothing is written unless all of it is as expected.
 
-Goes with the first newer wheel.
+To be removed with the first newer wheel.
 """
 
 from __future__ import annotations

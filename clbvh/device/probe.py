@@ -23,7 +23,7 @@ from ..errors import ClbvhError
 
 # One more than a power of two: a driver that rounds the range shows itself.
 _ITEM_COUNT = 1025
-# Keys that are numbers below it in no order; coprime to it.
+# Step from key to key, coprime to the count: the keys are all numbers below the count, in no order.
 _STEP = 512
 _KEY_BITS = 11
 

@@ -15,7 +15,7 @@ from .context import DeviceContext, OpenclKernel, keep_for_ever
 from .info import DeviceInfo
 from .sources import expand_shipped, expand_source, find_arguments
 
-# What PyOpenCL is told of a number: it takes 6 us for one of which it knows no type.
+# Types of numbers for PyOpenCL, which takes 6 us for an argument of unknown type.
 _NUMBER_TYPES: dict[str | None, type[Any] | None] = {
     "int": np.int32, "uint": np.uint32, "float": np.float32, "double": np.float64, None: None,
 }  # fmt: skip

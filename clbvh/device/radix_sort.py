@@ -17,12 +17,12 @@ _KEY_SHIFT = 32
 
 
 class SortPlan(NamedTuple):
-    """How a device sorts; the result does not depend on it.
+    """Tunables of the sort on a device; the result does not depend on them.
 
     Attributes
     ----------
     digit_bits : int
-        Of the keys, in one pass.
+        Bits of the keys that one pass sorts by.
     group_size : int
         Work-items of a work-group, which has one chunk.
     item_pairs : int
@@ -67,7 +67,7 @@ def sort_pairs(
     Returns
     -------
     buffer of (count,) uint64
-        The sorted pairs, where the given ones were or elsewhere.
+        The sorted pairs, in the given buffer or in another one.
 
     Raises
     ------

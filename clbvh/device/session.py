@@ -37,7 +37,7 @@ class DeviceSession(ContextManager):
     is_closed : bool
         Whether the buffers are gone.
     context, queue : pyopencl.Context, pyopencl.CommandQueue, or None
-        None of the host.
+        None for the host.
     """
 
     info: DeviceInfo
@@ -60,7 +60,7 @@ class DeviceSession(ContextManager):
         self.times = times or (CommandTimes() if parent is None else parent.times)
         self.is_closed = False
         self._is_branch = parent is not None
-        # Not their owner: a buffer that Ctrl-C keeps from its place is gone at once. Nor a WeakSet: its callbacks are
+        # Weak references: a buffer that Ctrl-C keeps from its owner is freed at once. Not a WeakSet: its callbacks are
         # Python code, in which Ctrl-C would be lost.
         self._buffers: set[ref[Any]] = set()
 
@@ -68,7 +68,7 @@ class DeviceSession(ContextManager):
     def branch(self, times: CommandTimes | None = None) -> DeviceSession:
         """Return another session on the same device, for another thread; it uses the buffers of this one as well.
 
-        Times are those of this session, or other ones.
+        Its commands are noted in `times`; by default in those of this session.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class DeviceSession(ContextManager):
         self._buffers.add(ref(buffer, self._buffers.discard))
 
     def _forget(self, buffer: Any) -> None:
-        """Count a buffer no more, which is given back."""
+        """Stop counting a buffer that is given back."""
         self._buffers.discard(ref(buffer))
 
     def _list_buffers(self) -> list[Any]:
@@ -140,12 +140,12 @@ class DeviceSession(ContextManager):
         Raises
         ------
         DeviceError
-            As of `allocate`.
+            See `allocate`.
         """
 
     @abstractmethod
     def memory_of(self, array: Any) -> Any:
-        """Return what kernels are given, and bytes copied from, of an array of `make_array`."""
+        """Return the memory behind an array of `make_array`: an argument for kernels, and a source of copies."""
 
     def fit_items(self, item_bytes: int, wanted: int) -> int:
         """Return how many items of this size one buffer can hold, `wanted` at most and 1 at least."""
@@ -192,13 +192,13 @@ class DeviceSession(ContextManager):
         Parameters
         ----------
         kernel : Kernel
-            Of `kernels`.
+            One of `kernels`.
         work_size : tuple of int
             Work-items per dimension, rounded up to whole work-groups: the kernel checks its range.
         work_group : tuple of int
             Work-items of a work-group per dimension.
         **arguments
-            The kernel's arguments by name: buffers, numbers of numpy, or None for an array that there is not.
+            The kernel's arguments by name: buffers, numbers of numpy, or None for a missing array.
         """
 
     @abstractmethod

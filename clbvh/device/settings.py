@@ -1,4 +1,4 @@
-"""How kernels are launched on a device."""
+"""Sizes of work-groups and tiles for the launches on a device."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from .handles import Vector
 # Copies of all objects of a scene: 128 MB of matrices. Each costs some microseconds of Python, too.
 MAX_COPIES = 1_000_000
 
-# Random numbers, matrices and their products while copies are placed, and the handle and the name of an instance.
+# Memory of a copy while copies are placed: random numbers, matrices and their products, a handle and a name.
 _BYTES_PER_COPY = 1000
 
 ALIGNMENTS = ("up", "normal")
@@ -41,7 +41,7 @@ class Grid(Struct, frozen=True, forbid_unknown_fields=True):
     grid : (3,) int
         Copies along x, y and z.
     spacing : (3,) float, the scene's units
-        Between neighbours.
+        Distance between neighbours along x, y and z.
 
     Raises
     ------
@@ -82,12 +82,13 @@ class Scatter(Struct, frozen=True, forbid_unknown_fields=True):
     seed : int
         The same seed gives the same copies; a larger count keeps the first ones.
     scale : float, or (2,) float
-        Of each copy, on top of the object's own, or the smallest and the largest one; kept as two numbers.
+        Scale of each copy, on top of the object's own; two numbers: the range that it is drawn from.
+        Stored as two numbers.
     align : str
         One of `ALIGNMENTS`: ``up`` leaves the copies upright, ``normal`` tilts their up direction to the surface's
         normal.
     turn : bool
-        Whether each copy is turned about its up direction, by a random angle.
+        True: each copy is turned about its up direction by a random angle.
 
     Raises
     ------
@@ -141,7 +142,7 @@ class Scatter(Struct, frozen=True, forbid_unknown_fields=True):
         points, normals = sample_surface(vertices, faces, draws[:, :DRAWS_PER_POINT], name=self.on)
         if not any(up):
             raise SceneError("up must not be zero: copies stand upright by it")
-        # Not by the sum of the squares, which may leave float64.
+        # Scaled first: the sum of the squares of large numbers overflows.
         upward = np.asarray(up, np.float64) / max(map(abs, up))
         upward /= np.linalg.norm(upward)
         low, high = self.scale  # type: ignore[misc]
@@ -207,14 +208,14 @@ def sample_surface(
     draws : (n, 3) float64
         Random numbers, at least 0 and less than 1. Point i depends on row i alone.
     name : str
-        Of the surface, for messages.
+        Name of the surface, for messages.
 
     Returns
     -------
     points : (n, 3) float64
         Uniform over the area; triangles without area have none.
     normals : (n, 3) float64
-        Of length 1, on the side from which a triangle's corners run counter-clockwise.
+        Unit normals, on the side from which a triangle's corners run counter-clockwise.
 
     Raises
     ------
@@ -222,7 +223,7 @@ def sample_surface(
         All triangles together have no area.
     """
     corner = vertices[faces[:, 0]]
-    # Edges are halved, and scaled to at most 1: products of float64's largest and smallest numbers have no room in it.
+    # Edges are halved and scaled to at most 1: products of very large or small numbers would leave float64's range.
     edges = np.stack([vertices[faces[:, end]] / 2 - corner / 2 for end in (1, 2)])
     longest = float(np.abs(edges).max())
     scaled = edges / longest if longest > 0 else edges

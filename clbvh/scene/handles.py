@@ -1,6 +1,6 @@
-"""The handles that users hold, a geometry and its instance in a scene, and the checks of what they are placed with.
+"""Handles of the geometries and instances of a scene, and the checks of the arguments that place them.
 
-Owns nothing: the scene does.
+Handles own nothing: the scene does.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Geometry:
     name : str
         Unique among the geometries of the scene.
     shape : Mesh or Spheres
-        In its own coordinates, those of the file.
+        The shape, in the coordinates of its file.
 
     Examples
     --------
@@ -71,13 +71,13 @@ class Instance:
         Unique among the instances of the scene.
     geometry : Geometry
     matrix : (4, 4) float64, read-only
-        From the geometry's coordinates to the scene's.
+        Transform from the geometry's coordinates to the scene's.
     mask : int, 0 to 2^32 - 1
         A ray sees the instance if its own mask shares a bit with this one.
     colour : (3,) float, or None
-        Linear colour in pictures; None: that of the picture's surfaces.
+        Linear colour in pictures; None: `View.surface`.
     material : Material, or None
-        Of all its primitives; None: those of the geometry.
+        Material of all its primitives; None: the materials of the geometry.
 
     Examples
     --------

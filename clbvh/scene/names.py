@@ -1,4 +1,4 @@
-"""Names of the things in a scene: unique, and numbered where a wish is taken."""
+"""Names of the things in a scene: unique, with a number where the wanted name is taken."""
 
 from __future__ import annotations
 

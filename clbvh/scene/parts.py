@@ -1,6 +1,6 @@
-"""Objects that come with places: the parts of a file, of a `trimesh.Scene`, or of another scene.
+"""Shapes with their placements: the parts of a file, of a `trimesh.Scene`, or of another scene.
 
-Owns the translation of all of them to one list of shapes and placements, or to one mesh with parts. Must not know how a
+Owns their translation to one list of shapes and placements, or to one mesh with parts. Must not know how a
 scene stores them.
 """
 
@@ -45,13 +45,13 @@ class Parts(NamedTuple):
 def parts_of_file(path: str | os.PathLike[str], load: Callable[[str | os.PathLike[str]], LoadedParts]) -> Parts:
     """Return the parts of a mesh file; raise `MeshError` if it cannot be read.
 
-    By the end of the names of shapes one knows which direction is up.
+    The file suffix in a shape's name tells the up axis.
 
     Parameters
     ----------
     path : str or path
     load : function
-        `load_parts`, or `load_placed` for a file as a scene of it is best made.
+        `load_parts`, or `load_placed`, which joins the parts unless that would multiply the triangles.
     """
     loaded = load(path)
     file = Path(path)
@@ -71,13 +71,13 @@ def parts_of_graph(scene: HasGraph, *, joins: bool = False) -> Parts:
     ----------
     scene : trimesh.Scene
     joins : bool
-        Whether they are made one mesh whose parts are the nodes, unless that would multiply the triangles; as
+        True: joins the meshes into one whose parts are the nodes, unless that would multiply the triangles, as
         `load_placed` does for files.
 
     Raises
     ------
     SceneError
-        There is none.
+        No node places a triangle mesh.
     MeshError
         A mesh cannot be used; the message names it.
     """

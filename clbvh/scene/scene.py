@@ -79,7 +79,7 @@ class Scene:
         self._lock = make_lock()  # re-entrant: several parts are added as one step
         self._geometries, self._instances = Named[Geometry]("a geometry"), Named[Instance]("an instance")
         self._transforms: list[NDArray[np.float64]] = []  # (n, 4, 4) of each call of `place_many`
-        # In place of the scene itself, which would keep its meshes alive until Python looks for cycles.
+        # Handles refer to this token: the scene itself would keep its meshes alive until Python looks for cycles.
         self._owner = object()
         self._drop_caches()
         if isinstance(source, Scene):
@@ -130,7 +130,7 @@ class Scene:
         return Scene._restore(state, self._owner)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # With the owner, so that handles that are pickled with their scene stay its.
+        # The owner travels, too, so that handles pickled with their scene still belong to it.
         return Scene._restore, (self.snapshot(), self._owner)
 
     def copy(self) -> Scene:
@@ -259,14 +259,14 @@ class Scene:
         Parameters
         ----------
         source : str, path, trimesh.Scene or Scene
-            Of a GLB or glTF file, each mesh becomes a geometry, and each node that has it an instance; of an OBJ file,
-            each object (`o`), or each group (`g`) if no object is named. Other mesh files are one part. Of a
-            `trimesh.Scene`, the triangle meshes that nodes place. Nodes that a scale of 0 hides are left out. Names are
+            Parts are the meshes of a GLB or glTF file, each with an instance for each node that has it; the objects
+            (`o`) of an OBJ file, or its groups (`g`) if no object is named; the triangle meshes that nodes of a
+            `trimesh.Scene` place. Other mesh files are one part. Nodes that a scale of 0 hides are left out. Names are
             kept, with a number where they are taken.
         transform : (4, 4) float, or Transform, optional
             Moves the whole; the identity if left out.
         mask : int, 0 to 2^32 - 1
-            Of all instances. By default all bits, or those of the other `Scene`.
+            Mask of all instances. By default all bits, or the masks of the other `Scene`.
 
         Returns
         -------
@@ -301,10 +301,17 @@ class Scene:
         elif isinstance(source, Scene):
             geometries, instances = source._list_handles()
             parts = Parts(
-                [(each.shape, each.name) for each in geometries],
+                [(geometry.shape, geometry.name) for geometry in geometries],
                 [
-                    PlacedPart(each.name, each.geometry.id, each.matrix, each.mask, each.colour, each.material)
-                    for each in instances
+                    PlacedPart(
+                        instance.name,
+                        instance.geometry.id,
+                        instance.matrix,
+                        instance.mask,
+                        instance.colour,
+                        instance.material,
+                    )
+                    for instance in instances
                 ],
             )
         elif isinstance(source, HasGraph):
@@ -349,9 +356,9 @@ class Scene:
         Parameters
         ----------
         geometry : Geometry or str
-            Of this scene, by its handle or name.
+            A geometry of this scene, by its handle or name.
         transform : (4, 4) float, or Transform, optional
-            From the geometry's coordinates to the scene's: rotation, scale of any kind, shear, mirror, translation.
+            Map from the geometry's coordinates to the scene's: rotation, scale of any kind, shear, mirror, translation.
             The identity if left out.
         name : str, optional
             Unique among the instances of the scene. By default that of the geometry, with a number where it is taken.
@@ -360,8 +367,8 @@ class Scene:
         colour : (3,) float, optional
             Linear red, green and blue in pictures, 0 to 1; by default `View.surface`.
         material : Material, optional
-            Of all primitives of this instance, instead of the materials and colours of the geometry. Its tree is
-            shared whatever the material.
+            Material of all primitives of this instance, in place of the geometry's materials and colours. Instances of
+            a geometry share its tree, whatever their materials.
 
         Returns
         -------
@@ -404,15 +411,15 @@ class Scene:
         Parameters
         ----------
         geometry : Geometry or str
-            Of this scene, by its handle or name.
+            A geometry of this scene, by its handle or name.
         transforms : (n, 4, 4) float
         names : sequence of str, optional
-            One for each.
+            One name for each transform.
         mask : int, 0 to 2^32 - 1
         colour : (3,) float, optional
-            Of all of them.
+            Colour of all instances.
         material : Material, optional
-            Of all of them.
+            Material of all instances.
 
         Returns
         -------
@@ -481,7 +488,7 @@ class Scene:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is placed, so that no ray hits anything."""
+        """True if nothing is placed: no ray hits anything."""
         return not self._instances
 
     def find(self, name: str) -> Instance:
@@ -527,7 +534,7 @@ class Scene:
         >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
         >>> scene.view(shading="ao")  # doctest: +SKIP
         """
-        import clbvh  # whose function it is: a scene knows nothing of the rooms above it
+        import clbvh  # imported here: a scene knows nothing of the folders above it
 
         return clbvh.view(self, view, options, **changes)
 
@@ -552,20 +559,20 @@ class Scene:
             if self._snapshot is None:
                 instances, count = self._instances.values(), len(self._instances)
                 numbers: dict[Material | None, int] = {None: -1}  # equal materials are one
-                for each in instances:
-                    numbers.setdefault(each.material, len(numbers) - 1)
+                for instance in instances:
+                    numbers.setdefault(instance.material, len(numbers) - 1)
                 self._transforms = [np.concatenate((np.empty((0, 4, 4)), *self._transforms))]
-                colours = [each.colour or _NO_COLOUR for each in instances]
+                colours = [instance.colour or _NO_COLOUR for instance in instances]
                 self._snapshot = SceneState(
                     shapes=tuple(geometry.shape for geometry in self._geometries.values()),
                     names=tuple(self._geometries),
-                    geometry_ids=np.fromiter((each.geometry.id for each in instances), np.int32, count),
+                    geometry_ids=np.fromiter((instance.geometry.id for instance in instances), np.int32, count),
                     transforms=self._transforms[0],
-                    masks=np.fromiter((each.mask for each in instances), np.uint32, count),
+                    masks=np.fromiter((instance.mask for instance in instances), np.uint32, count),
                     instance_names=tuple(self._instances),
                     colours=np.array(colours, np.float64).reshape(count, 3),
-                    materials=tuple(each for each in numbers if each is not None),
-                    material_ids=np.fromiter((numbers[each.material] for each in instances), np.int32, count),
+                    materials=tuple(material for material in numbers if material is not None),
+                    material_ids=np.fromiter((numbers[instance.material] for instance in instances), np.int32, count),
                 )
             return self._snapshot
 
@@ -594,8 +601,7 @@ class Scene:
         Parameters
         ----------
         instances : Instance, int or str, or a sequence of them
-            By handle, id or name.
-            The tuple `Scene.instances` itself takes no time, nor does an array of ids.
+            Given by handle, id or name. The tuple `Scene.instances` itself takes no time, nor does an array of ids.
 
         Raises
         ------
@@ -618,10 +624,10 @@ class Scene:
             ids = instances
         else:
             try:
-                given = list(instances)
+                handles = list(instances)
             except TypeError:
                 raise SceneError(f"expected instances that Scene.place returned, not {shorten(instances)}") from None
-            ids = np.array([self._instance_id(instance) for instance in given], object)  # integers of any size
+            ids = np.array([self._instance_id(instance) for instance in handles], object)  # integers of any size
         wrong = (ids < 0) | (ids >= len(mine))
         if wrong.any():
             raise SceneError(f"there is no instance {ids[wrong][0]}: the scene has {len(mine):,} (from 0)")
@@ -640,21 +646,21 @@ class Scene:
 
     def _move(self, state: SceneState, instances: Instances, transforms: ArrayLike) -> SceneState:
         """Return a state of this scene with other transforms of some instances; see `Tracer.set_transforms`."""
-        ids, given = self.instance_ids(instances), np.asarray(transforms)
-        matrices = check_transforms(given[None] if given.shape == (4, 4) else given)
+        ids, array = self.instance_ids(instances), np.asarray(transforms)
+        matrices = check_transforms(array[None] if array.shape == (4, 4) else array)
         if len(matrices) != len(ids):
             raise SceneError(f"{len(ids):,} instances need as many transforms, not {len(matrices):,}")
         return state.with_transforms(state.check_ids(ids), matrices)
 
     def __repr__(self) -> str:
         geometries, instances = self._list_handles()
-        names: dict[int, list[str]] = {each.id: [] for each in geometries}
-        for each in instances:
-            names[each.geometry.id].append(each.name)
-        shown = [_show_object(each, names[each.id]) for each in geometries[:_MOST_SHOWN]]
+        names: dict[int, list[str]] = {geometry.id: [] for geometry in geometries}
+        for instance in instances:
+            names[instance.geometry.id].append(instance.name)
+        lines = [_show_object(geometry, names[geometry.id]) for geometry in geometries[:_MOST_SHOWN]]
         if len(geometries) > _MOST_SHOWN:
-            shown.append(f"and {len(geometries) - _MOST_SHOWN:,} more")
-        return "\n  ".join((f"Scene(geometries={len(geometries):,}, instances={len(instances):,})", *shown))
+            lines.append(f"and {len(geometries) - _MOST_SHOWN:,} more")
+        return "\n  ".join((f"Scene(geometries={len(geometries):,}, instances={len(instances):,})", *lines))
 
 
 # Geometries that a scene shows, and the names of the instances of each.

@@ -45,13 +45,13 @@ from .transforms import check_transforms
 FORMAT_VERSION = 1
 
 _Kind = Literal["mesh", "spheres"]
-# By the kinds of shapes: the class, and its arrays.
+# Class and arrays of each kind of shape.
 _KINDS: dict[_Kind, tuple[type[Shape], tuple[str, str]]] = {
     "mesh": (Mesh, ("vertices", "faces")),
     "spheres": (Spheres, ("centres", "radii")),
 }
 _LOOKS_ARRAYS = "normals", "uvs", "colours", "material_ids"
-# The shapes of their rows, and their dtypes.
+# Shape of a row, and dtype, of each array over all instances.
 _INSTANCE_ARRAYS: dict[str, tuple[tuple[int, ...], type]] = {
     "transforms": ((4, 4), np.float64),
     "colours": ((3,), np.float64),
@@ -67,8 +67,8 @@ def material_table(texture: Any, name: str = "name") -> Any:
     """Return a class with the fields of `Material`, but another type of textures; `name` is the key of its name."""
     types = get_type_hints(Material)
     fields = [
-        (each.name, texture | None if each.name.endswith("_texture") else types[each.name], each.default)
-        for each in dataclasses.fields(Material)[1:]
+        (field.name, texture | None if field.name.endswith("_texture") else types[field.name], field.default)
+        for field in dataclasses.fields(Material)[1:]
     ]
     return msgspec.defstruct(
         "Material", [("name", str, msgspec.field(name=name)), *fields], kw_only=True, forbid_unknown_fields=True
@@ -120,7 +120,7 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
         A file of this name is replaced.
     state : SceneState
     settings : dict
-        Of texts, numbers, lists and dicts; arrays may be values of the dict itself.
+        Values are texts, numbers, lists and dicts; arrays at the top level alone.
 
     Raises
     ------
@@ -128,23 +128,23 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
         The folder does not exist, the path is a folder, or is no path at all.
     """
     looks = [shape.appearance or Appearance() for shape in state.shapes]
-    materials = chain(*(each.materials for each in looks), state.materials)
+    materials = chain(*(look.materials for look in looks), state.materials)
     textures = dict.fromkeys(texture for material in materials for texture in material.textures)
     numbers = dict(zip(textures, range(len(textures)), strict=True))
     arrays: dict[str, Any] = {f"texture_{number}": texture.pixels for texture, number in numbers.items()}
     geometries = []
     for number, (shape, name, look) in enumerate(zip(state.shapes, state.names, looks, strict=True)):
         kind: _Kind = "mesh" if isinstance(shape, Mesh) else "spheres"
-        found = {each: getattr(shape, each) for each in _KINDS[kind][1]}
-        found |= {each: getattr(look, each) for each in _LOOKS_ARRAYS}
-        arrays |= {f"geometry_{number}_{each}": values for each, values in found.items() if values is not None}
+        shape_arrays = {array: getattr(shape, array) for array in _KINDS[kind][1]}
+        shape_arrays |= {array: getattr(look, array) for array in _LOOKS_ARRAYS}
+        arrays |= {f"geometry_{number}_{array}": values for array, values in shape_arrays.items() if values is not None}
         parts: list[tuple[str, int, int]] = [*shape.parts] if isinstance(shape, Mesh) else []
         described = [_describe(material, numbers) for material in look.materials]
         geometries.append(_Geometry(kind, name, str(shape.name), parts, described))
     text = _Text(
         FORMAT_VERSION,
         geometries,
-        [_Texture(str(each.name), each.is_srgb, each.wrap, each.filter) for each in textures],
+        [_Texture(str(texture.name), texture.is_srgb, texture.wrap, texture.filter) for texture in textures],
         [_describe(material, numbers) for material in state.materials],
         list(state.instance_names),
         {name: value for name, value in settings.items() if not isinstance(value, np.ndarray)},
@@ -157,7 +157,7 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
 
 def _describe(material: Material, numbers: dict[Texture, int]) -> dict[str, Any]:
     """Return the name of a material, and the values that differ from those of a material without arguments."""
-    values = {each.name: getattr(material, each.name) for each in dataclasses.fields(Material)}
+    values = {field.name: getattr(material, field.name) for field in dataclasses.fields(Material)}
     changed = {name: value for name, value in values.items() if name == "name" or value != getattr(Material, name)}
     return {name: numbers[value] if isinstance(value, Texture) else value for name, value in changed.items()}
 
@@ -173,7 +173,7 @@ def read_scene(path: str | os.PathLike[str]) -> tuple[SceneState, dict[str, Any]
 
     Notes
     -----
-    Memory for twice the file, whatever sizes it claims.
+    Takes memory for twice the file, whatever sizes it claims.
     """
     with read_errors_as(SceneError, path), open_regular(Path(path)) as file:
         size = os.fstat(file.fileno()).st_size
@@ -198,31 +198,34 @@ def _read(arrays: dict[str, NDArray[Any]]) -> tuple[SceneState, dict[str, Any]]:
     text = msgspec.convert(values, _Text)
     # An array is dropped once it is used, so that a large scene does not need memory for both.
     textures = [
-        Texture(each.name, arrays.pop(f"texture_{number}"), each.is_srgb, each.wrap, each.filter)
-        for number, each in enumerate(text.textures)
+        Texture(entry.name, arrays.pop(f"texture_{number}"), entry.is_srgb, entry.wrap, entry.filter)
+        for number, entry in enumerate(text.textures)
     ]
 
     def make_materials(tables: list[Any]) -> tuple[Material, ...]:
         return tuple(material_of_table(table, lambda _, number: textures[number]) for table in tables)
 
     shapes: list[Shape] = []
-    for number, each in enumerate(text.geometries):
-        kind, names = _KINDS[each.kind]
-        given = [arrays.pop(f"geometry_{number}_{name}") for name in names]
+    for number, geometry in enumerate(text.geometries):
+        kind, array_names = _KINDS[geometry.kind]
+        shape_arrays = [arrays.pop(f"geometry_{number}_{name}") for name in array_names]
         looks: dict[str, Any] = {name: arrays.pop(f"geometry_{number}_{name}", None) for name in _LOOKS_ARRAYS}
-        looks["materials"] = make_materials(each.materials)
+        looks["materials"] = make_materials(geometry.materials)
         if kind is Mesh:
             appearance = Appearance(**looks)
-            looks = {"appearance": None if appearance.is_empty else appearance, "parts": each.parts}
+            looks = {"appearance": None if appearance.is_empty else appearance, "parts": geometry.parts}
         else:
             del looks["normals"], looks["uvs"]
-        shapes.append(kind.from_arrays(*given, name=each.shape_name, **looks))
+        shapes.append(kind.from_arrays(*shape_arrays, name=geometry.shape_name, **looks))
     instances = {name: arrays[name] for name in _INSTANCE_ARRAYS}
     _check_instances(instances, len(text.instance_names), len(shapes), len(text.materials))
-    names_of = {"a geometry": tuple(each.name for each in text.geometries), "an instance": tuple(text.instance_names)}
-    for what, given_names in names_of.items():
+    names_of = {
+        "a geometry": tuple(geometry.name for geometry in text.geometries),
+        "an instance": tuple(text.instance_names),
+    }
+    for what, names in names_of.items():
         taken = Named[None](what)
-        for name in given_names:
+        for name in names:
             taken[taken.check(name)] = None
     state = SceneState(
         shapes=tuple(shapes),

@@ -1,4 +1,4 @@
-"""The state of a scene at one moment: what a tracer works from. Immutable; knows no handles."""
+"""The state of a scene at one moment, from which a tracer works. Immutable; knows no handles."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ class SceneState:
     shapes : tuple of Mesh or Spheres
         By geometry id.
     names : tuple of str
-        Of the geometries.
+        Names of the geometries.
     geometry_ids : (n,) int32
         The geometry of each instance.
     transforms : (n, 4, 4) float64
-        From the coordinates of an instance's geometry to the scene's.
+        Transform of each instance, from its geometry's coordinates to the scene's.
     masks : (n,) uint32
     instance_names : tuple of str
     colours : (n, 3) float64
         Linear colour of each instance in pictures; NaN where it has none of its own.
     materials : tuple of Material
-        Of instances that have one of their own.
+        Materials that instances have of their own.
     material_ids : (n,) int32
         The material of each instance, -1 where it has that of its geometry.
 
@@ -66,7 +66,7 @@ class SceneState:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Through the constructor, because pickled arrays forget that they are read-only.
-        return SceneState, tuple(getattr(self, each.name) for each in dataclasses.fields(self))
+        return SceneState, tuple(getattr(self, field.name) for field in dataclasses.fields(self))
 
     @property
     def geometry_count(self) -> int:
@@ -151,7 +151,7 @@ class SceneState:
 
 
 def dress_shapes(state: SceneState) -> tuple[tuple[Shape, ...], NDArray[np.integer]]:
-    """Return shapes with their looks, and the shape of each instance.
+    """Return shapes with their materials, and the shape of each instance.
 
     Returns
     -------

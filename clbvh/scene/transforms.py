@@ -28,12 +28,12 @@ class Transform:
     Attributes
     ----------
     scale : float, or (3,) float
-        Of all axes, or of x, y and z. Not zero.
+        Scale of all axes, or of x, y and z; not zero.
     rotate : (3,) float
         Degrees about x, then y, then z.
     translate : (3,) float, the scene's units
     rows : (3, 4) or (4, 4) float, optional
-        Of the matrix itself, in place of the three above: a point x of the geometry is at ``rows[:, :3] @ x +
+        Rows of the matrix, in place of the three above: a point x of the geometry is at ``rows[:, :3] @ x +
         rows[:, 3]``. A fourth row is 0, 0, 0, 1. Kept as a tuple of three rows.
 
     Raises
@@ -104,12 +104,12 @@ class Transform:
                [ 0.,  0.,  1.,  0.],
                [ 0.,  0.,  0.,  1.]])
         """
-        given = _as_numbers(quaternion, "the quaternion")
-        if given.shape != (4,) or not np.isfinite(given).all() or not given.any():
+        parts = _as_numbers(quaternion, "the quaternion")
+        if parts.shape != (4,) or not np.isfinite(parts).all() or not parts.any():
             raise SceneError(
                 f"a quaternion must be four finite numbers w, x, y, z, not all 0, not {shorten(quaternion)}"
             )
-        unit = given / np.abs(given).max()
+        unit = parts / np.abs(parts).max()
         w, x, y, z = (unit / np.linalg.norm(unit)).tolist()
         rotation = np.array([
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -187,7 +187,7 @@ _CHECKED = 1 << 12
 
 
 def check_transform(transform: ArrayLike | None, name: str = "the transform") -> NDArray[np.float64]:
-    """Return one transform as (4, 4) float64 of our own; the identity for None.
+    """Return one transform as a new (4, 4) float64 array; the identity for None.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def check_transform(transform: ArrayLike | None, name: str = "the transform") ->
 def check_transforms(
     transforms: ArrayLike, name_of: Callable[[int], str] = lambda index: f"transform {index}"
 ) -> NDArray[np.float64]:
-    """Return transforms as (n, 4, 4) float64 of our own.
+    """Return transforms as a new (n, 4, 4) float64 array.
 
     Parameters
     ----------
@@ -221,11 +221,11 @@ def check_transforms(
         Another shape or dtype, an entry that is not finite, another last row, or a matrix that has no inverse to within
         rounding. The message names the first fault.
     """
-    given = _as_numbers(transforms, "the transforms")
-    if given.ndim != 3 or given.shape[1:] != (4, 4):
-        raise SceneError(f"the transforms must be an array of shape (n, 4, 4), not {given.shape}")
+    array = _as_numbers(transforms, "the transforms")
+    if array.ndim != 3 or array.shape[1:] != (4, 4):
+        raise SceneError(f"the transforms must be an array of shape (n, 4, 4), not {array.shape}")
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is found below
-        matrices = np.array(given, np.float64, order="C")
+        matrices = np.array(array, np.float64, order="C")
     for begin in range(0, len(matrices), _CHECKED):
         faults = _find_faults(matrices[begin : begin + _CHECKED])
         if faults.any():

@@ -16,12 +16,12 @@ from .files import open_regular
 
 _NAME_AT = 30  # bytes before the name of the first member
 
-# By the versions of the format in which numpy writes arrays of numbers.
+# Readers of an array's header, by the version of numpy's format.
 _HEADER_READERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
 def begins_with_member(path: str | os.PathLike[str], name: str) -> bool:
-    """Return whether a file is an archive whose first array has this name; not if it cannot be read."""
+    """Return whether a file is an archive whose first array has this name; False if it cannot be read."""
     expected = f"{name}.npy".encode()
     try:
         with open_regular(Path(path)) as file:
@@ -54,7 +54,8 @@ def read_members(file: BinaryIO) -> dict[str, NDArray[Any]]:
     size = os.fstat(file.fileno()).st_size
     with ZipFile(file) as archive:
         members = archive.infolist()
-        if any(each.compress_type != ZIP_STORED for each in members) or sum(each.file_size for each in members) > size:
+        is_packed = any(member.compress_type != ZIP_STORED for member in members)
+        if is_packed or sum(member.file_size for member in members) > size:
             raise MeshError("its arrays are packed, or larger than the file")
-        names = [each.filename.removesuffix(".npy") for each in members]
+        names = [member.filename.removesuffix(".npy") for member in members]
         return {name: read_member(archive, name) for name in names}

@@ -85,12 +85,12 @@ def read_regular(path: Path, *, max_bytes: int | None = None) -> bytes:
 # Random bytes in a name.
 _NAME_BYTES = 8
 
-# What the process has begun, and must not leave behind.
+# Temporary files and folders, which the process must not leave behind.
 _unfinished: set[Path] = set()
 
 
 def as_path(path: str | os.PathLike[str]) -> Path:
-    """Return a user's path as a `Path`; raise `ConfigError` if it is none."""
+    """Return a user's path as a `Path`; raise `ConfigError` if it is no path."""
     try:
         return Path(path)
     except TypeError as error:
@@ -139,14 +139,14 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     ConfigError
         See `check_target`.
     OSError
-        It cannot be written: the disk is full, for example.
+        The file cannot be written: the disk is full, for example.
     """
     check_target(path)
     try:
         with replacing(_follow(path)) as file:
             write(file)
     except OSError as error:
-        # The name that the user knows, not the temporary one.
+        # Named by the user's path, not by the temporary one.
         if error.errno is None:
             raise
         raise OSError(error.errno, error.strerror, str(path)) from error

@@ -1,7 +1,7 @@
-"""Where things are: the user's cache, the folders that ship with clbvh, and the version of the package.
+"""The user's cache, the folders that ship with clbvh, and the version of the package.
 
-The cache holds files that can be made or fetched again: meshes and trees. A wheel carries kernel
-sources and scenes inside the package; a source checkout and an editable install have them one folder up.
+The cache holds files that can be made or fetched again: meshes and trees. A wheel carries kernel sources and scenes
+inside the package; a source checkout and an editable install have them one folder up.
 """
 
 from __future__ import annotations

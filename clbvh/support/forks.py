@@ -1,7 +1,7 @@
-"""What a forked child starts anew: it has a copy of one thread, and nobody releases a lock that another one held.
+"""Locks and threads that a forked child renews: it has one thread, and nobody releases a lock that another one held.
 
-What another thread had half done stays so. Under a lock of `make_lock`, therefore, a cache gets complete values only,
-and one assignment replaces a state by the next, as Ctrl-C demands as well.
+Half-finished work of other threads stays as it is. Under a lock of `make_lock`, therefore, a cache gets complete values
+only, and one assignment replaces a state by the next, as Ctrl-C demands as well.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from weakref import WeakSet
 
 
 class Renewable(Protocol):
-    """What a child starts anew."""
+    """An object whose threads a forked child does not have."""
 
     def start_anew(self) -> None:
         """Forget the threads that the child does not have."""
@@ -46,9 +46,9 @@ def _find_property_locks() -> list[Any]:
     """Return the locks of all cached properties, which Python 3.11 has: one for all instances of a class."""
     modules = [(name, module) for name, module in list(sys.modules.items()) if name.startswith(_PACKAGE)]
     things = [(name, thing) for name, module in modules for thing in vars(module).values()]
-    classes = [each for name, each in things if isinstance(each, type) and each.__module__ == name]
-    members = [member for each in classes for member in vars(each).values()]
-    return [each.lock for each in members if isinstance(each, cached_property)]  # type: ignore[attr-defined]
+    classes = [thing for name, thing in things if isinstance(thing, type) and thing.__module__ == name]
+    members = [member for owner in classes for member in vars(owner).values()]
+    return [member.lock for member in members if isinstance(member, cached_property)]  # type: ignore[attr-defined]
 
 
 def _start_anew() -> None:

@@ -22,8 +22,8 @@ from .forks import make_lock, renew_in_child
 _Result = TypeVar("_Result")
 _Jobs = SimpleQueue[Callable[[], None] | None]
 
-# Least items of a thread's range, where the caller knows none. Waking a thread takes about 60 us on a 2-core x86-64
-# server.
+# Least items of a thread's range, where the caller names no number. Waking a thread takes about 60 us on a 2-core
+# x86-64 server.
 LEAST_ITEMS = 1 << 15
 
 

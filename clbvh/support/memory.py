@@ -1,4 +1,4 @@
-"""How much memory this process can still take, and the one check before large arrays."""
+"""The memory that this process can still take, and the check before large arrays are allocated."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import psutil
 
 from ..errors import ClbvhError
 
-# The limit of a container, and what its processes take (control groups of Linux, version 2). psutil does not know it.
+# The limit of a container, and the memory of its processes (control groups of Linux, version 2), unknown to psutil.
 _CONTAINER = Path("/sys/fs/cgroup")
 
-# Less is not checked: to ask how much is free takes 0.1 ms.
+# Smaller arrays are not checked: asking for the free memory takes 0.1 ms.
 _LEAST_CHECKED = 2**28
 
 

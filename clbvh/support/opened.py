@@ -1,4 +1,4 @@
-"""What a process has opened by its content, and keeps open: tracers and renderers that arrive again and again."""
+"""Tracers and renderers that arrive in a process again and again: opened once for each content, and kept open."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .forks import make_lock
 
 _Thing = TypeVar("_Thing")
 
-# Kept in a process: a second one serves tasks of two scenes by turns.
+# Things that a process keeps open; two serve tasks of two scenes by turns.
 _MOST_KEPT = 2
 
 _kept: dict[Hashable, Any] = {}  # the latest used last
@@ -22,8 +22,8 @@ _lock = make_lock()
 def open_once(key: Hashable, open_anew: Callable[[], _Thing]) -> _Thing:
     """Return the thing of a key, opened unless this process keeps it; other threads wait meanwhile.
 
-    Of more than two, the one that was not asked for the longest time is forgotten. It is not closed: whoever still has
-    it may use it.
+    The two that were asked for last are kept. An older one is forgotten, but not closed: whoever still has it may use
+    it.
     """
     with _lock:
         thing = _kept.pop(key, None)

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-# What has been said, by this process or by one that started it: workers must not repeat it.
+# Digests of the sentences that this process, or one that started it, has said: workers must not repeat them.
 _VARIABLE = "_CLBVH_SAID"
 _DIGITS = 8
 

@@ -411,7 +411,7 @@ class Session:
         return self._view if self._is_sized else self._view.changed(width=width, height=height)
 
     def _camera(self) -> Camera:
-        """Return the camera as it is moved on from: with the scene's up, which that from the top has not."""
+        """Return the camera that dragging continues from; a view from the top gets the scene's up axis."""
         camera = self._renderer.find_camera(self._sized())
         return camera if camera.up == self._up else navigate.turn(camera, (0.0, 0.0), camera.look_at, self._up)
 

@@ -133,13 +133,13 @@ def build_library(
     objects : Path
         Folder of what was compiled before.
     levels : iterable of str
-        Of `LEVELS`.
+        Names in `LEVELS`.
     jobs : int, optional
         Compilers at a time; by default the number of usable processors.
     variants : iterable of Variant
         By default all.
     macros : mapping of str to int, optional
-        Besides those of each variant.
+        Macros besides those of each variant.
 
     Raises
     ------
@@ -165,11 +165,11 @@ def build_program(objects: Path, source: str, macros: Mapping[str, int], level: 
     objects : Path
         Folder of what was compiled before, and of the library.
     source : str
-        With its includes expanded.
+        Source text, with its includes expanded.
     macros : mapping of str to int
-        All that the source is compiled with.
+        All macros of the source.
     level : str
-        Of `LEVELS`.
+        A name in `LEVELS`.
 
     Raises
     ------

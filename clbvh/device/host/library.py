@@ -34,7 +34,7 @@ ON_DEMAND_VARIABLE = "CLBVH_HOST_ON_DEMAND"
 _PACKAGE = Path(__file__).resolve().parents[2]
 _REBUILD = "`pip install --editable .` in the checkout, or `python -m clbvh.device.host`"
 
-# Of the file with the library's own facts, see host/compile.py.
+# Most bytes of the facts that the library states about itself, see device/host/compile.py.
 _MOST_FACT_BYTES = 256
 
 # The slot of an argument by its C type; a buffer is its address.
@@ -115,7 +115,7 @@ class HostKernel(Kernel):
         return arrays
 
     def bind(self, shape: tuple[int, int, int, int], arguments: Mapping[str, Any]) -> bytes:
-        """Return what the entry is given.
+        """Return the launch that the entry reads: shape and arguments.
 
         Raises
         ------
@@ -303,9 +303,9 @@ def open_library() -> HostLibrary:
     with _opening:
         path = library_path()
         if path not in _opened:
-            # One that a variable names, and that of a wheel, is taken as it is.
+            # A library that a variable names, or that a wheel brought, is taken as it is.
             is_own = _is_checkout() and not any(map(os.environ.get, (LIBRARY_VARIABLE, ON_DEMAND_VARIABLE)))
-            # Not loaded to find that out: the system would give the old one again, by its path.
+            # Checked without loading it: the system would return the old library again for the same path.
             if not (path.is_file() and (not is_own or fits_sources(path))):
                 _rebuild(path)
             _opened[path] = HostLibrary(path)

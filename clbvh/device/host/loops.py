@@ -40,7 +40,7 @@ _NUMBERS: dict[str, tuple[Any, Any]] = {
 
 
 class _Row(NamedTuple):
-    """What C takes for one thing: numpy's dtype, if any will not do, and how many of it."""
+    """An item of an array in C: its numpy dtype, or None if any will do, and the number of its values."""
 
     dtype: np.dtype[Any] | None
     size: int = 1
@@ -60,7 +60,7 @@ class Loops:
     Parameters
     ----------
     name : str
-        Of the file below ``cl/host``, without its ending.
+        Name of the file below ``cl/host``, without its ending.
     """
 
     def __init__(self, name: str) -> None:
@@ -86,7 +86,7 @@ def make_loop(name: str, result: str, parameters: str, function: Any) -> Callabl
     ----------
     name : str
     result, parameters : str
-        Of the loop's declaration.
+        Parts of the loop's declaration.
     function : function of the library
     """
     declared = [_read_parameter(each) for each in parameters.split(",")]
@@ -142,9 +142,9 @@ class _Array(NamedTuple):
     name : str
     row : _Row
     size : str
-        How many rows it has, in C; empty if any number will do, or None instead of the array.
+        Number of rows, as C text; empty if any number will do, or None in place of the array.
     is_const : bool
-        Whether it is only read.
+        True if it is only read.
     """
 
     name: str

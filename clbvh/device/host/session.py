@@ -20,7 +20,7 @@ from ..sources import expand_source
 from ..times import CommandTimes
 from .library import HostBuffer, HostKernel, HostLibrary, open_library
 
-# Of a vector register, and of a line of a cache.
+# Bytes of a vector register and of a cache line.
 _ALIGNMENT = 64
 
 # Bands of work-groups for each thread. Ctrl-C is heard between two of them.

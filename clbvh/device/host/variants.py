@@ -15,7 +15,7 @@ from ...choices import REPORT_SHADINGS, SHADINGS
 from ...support.folders import find_folder
 from ...tree_layouts import LAYOUTS, TREE_LAYOUTS
 
-# Of every kernel of the host, whatever is asked for: a longer stack costs no time. Trees that need more are refused on
+# Stack sizes of every kernel of the host: a longer stack costs no time. Trees that need more are refused on
 # every device: a work-item's memory holds no more. No builder's tree is deeper than 64 levels, nor is the one over
 # instances.
 LONGEST_STACK, TOP_STACK_SIZE = 1024, 64
@@ -58,7 +58,7 @@ class Variant(NamedTuple):
     Attributes
     ----------
     name : str
-        Of the file below ``cl/kernels``, without its ending.
+        Name of the file below ``cl/kernels``, without its ending.
     macros : tuple of (str, int)
         In alphabetical order, without those of `FIXED`.
     """
