@@ -29,9 +29,9 @@ class DeviceInfo:
     compute_units : int
         Cores of a CPU, multiprocessors of a GPU.
     has_fp64 : bool
-        Whether kernels can use double precision.
+        True if kernels can use double precision.
     has_unified_memory : bool
-        Whether the device shares the host's memory: a CPU, or a GPU in the same chip.
+        True if the device shares the host's memory: a CPU, or a GPU in the same chip.
     is_available : bool
         False if the driver reports that the device or its compiler cannot be used.
     cl_device : pyopencl.Device
@@ -63,17 +63,17 @@ class DeviceInfo:
 
     @property
     def is_host(self) -> bool:
-        """Whether this is the host itself, whose kernels were compiled ahead of time; no driver."""
+        """True for the host itself, whose kernels were compiled ahead of time; it needs no driver."""
         return self.platform == HOST_PLATFORM
 
     @property
     def is_simulator(self) -> bool:
-        """Whether the device simulates kernels to check them, as Oclgrind does."""
+        """True if the device simulates kernels to check them, as Oclgrind does."""
         return self.platform == "Oclgrind"
 
     @property
     def is_emulated(self) -> bool:
-        """Whether the device is emulated: a simulator, or Intel's emulator of FPGA boards.
+        """True if the device is emulated: a simulator, or Intel's emulator of FPGA boards.
 
         The emulator calls itself an accelerator, and is slower than the CPU that it runs on.
         """
@@ -81,7 +81,7 @@ class DeviceInfo:
 
     @property
     def cuts_loops(self) -> bool:
-        """Whether kernels with long loops end before their time, without an error.
+        """True if kernels with long loops end before their time, without an error.
 
         Mesa's llvmpipe ends the loops of eight work-items after 65,535 steps in all (Mesa 22.3.6).
         """

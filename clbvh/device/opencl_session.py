@@ -63,7 +63,7 @@ class OpenclSession(DeviceSession):
     Attributes
     ----------
     shared : DeviceContext
-        What all sessions of the device share.
+        Context and kernels, which all sessions of the device share.
     queue : pyopencl.CommandQueue
     """
 

@@ -31,11 +31,11 @@ class DeviceSession(ContextManager):
     settings : Settings
         How kernels are launched on it.
     times : CommandTimes
-        Of all commands of this session and its branches.
+        Times of all commands of this session and its branches.
     threads : HostThreads
         For work of the host, shared with its branches.
     is_closed : bool
-        Whether the buffers are gone.
+        True once the buffers are gone.
     context, queue : pyopencl.Context, pyopencl.CommandQueue, or None
         None for the host.
     """

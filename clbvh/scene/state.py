@@ -26,7 +26,7 @@ class SceneState:
     Attributes
     ----------
     shapes : tuple of Mesh or Spheres
-        By geometry id.
+        The geometries' shapes, by geometry id.
     names : tuple of str
         Names of the geometries.
     geometry_ids : (n,) int32

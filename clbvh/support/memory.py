@@ -37,12 +37,12 @@ def check_memory(subject: str, needed_bytes: int, error: type[ClbvhError], advic
     Parameters
     ----------
     subject : str
-        What needs the memory, in a word or two.
+        The user of the memory, in a word or two.
     needed_bytes : int
     error : type
         The class of the error.
     advice : str, optional
-        What to do instead.
+        The way out, for the message.
     """
     if needed_bytes < _LEAST_CHECKED:
         return

@@ -219,7 +219,7 @@ def _link(compiler: Compiler, target: Path, objects: Path, units: Sequence[_Unit
 
 
 class _Unit(NamedTuple):
-    """What a compiler is given at once: the options, the text, and the ending of its file."""
+    """The input of one compilation: the options, the text, and the ending of its file."""
 
     options: tuple[str, ...]
     text: str
