@@ -17,8 +17,9 @@ from clbvh.trace.check.reference import Reference
 from clbvh.trace.hits.all_hits import find_all_hits
 from clbvh.trace.hits.closest import count_hits, find_any_hits, find_closest_hits
 from clbvh.trace.launch import Caster
-from clbvh.trace.points.queries import SeenPoints, find_closest_points
-from clbvh.trace.rays.batch import read_points, read_rays
+from clbvh.trace.points.batch import SeenPoints
+from clbvh.trace.points.queries import find_closest
+from clbvh.trace.rays.batch import read_rays
 from clbvh.tree_layouts import TREE_LAYOUTS
 
 from ..all_hits_reference import find_wrong_crossings
@@ -106,7 +107,7 @@ def _ask(caster, rays, points, limits):
         "count_hits": count_hits(caster, limited, None, None),
         "all_hits": find_all_hits(caster, free, None, None),
         "all_hits, few": find_all_hits(caster, limited, _FEW_HITS, None),
-        "closest_point": find_closest_points(caster, SeenPoints(read_points(points), None, None)),
+        "closest_point": find_closest(caster, SeenPoints.read(points)),
     }
 
 
