@@ -165,6 +165,16 @@ find_closest(const wide_world_t *world, const double3 point, const int instance,
     return close_to_triangle(world, point, instance, prim);
 }
 
+// Asks for the places of a closest point before it is looked for.
+INLINED void will_write_closest(const found_points_t *found, const long slot)
+{
+    WILL_WRITE(found->distances + slot);
+    WILL_WRITE(found->closest + 3 * slot);
+    WILL_WRITE(found->closest + 3 * slot + 2);
+    WILL_WRITE(found->prim_ids + slot);
+    WILL_WRITE(found->instance_ids + slot);
+}
+
 // Writes the closest point of a primitive to a slot. Without one the distance is infinite, the point NaN, and the ids
 // NO_PRIM.
 INLINED void write_closest(

@@ -33,6 +33,9 @@
     global kept_hit_t *restrict hits, global candidate_t *restrict candidates, global uchar *restrict is_crowded, \
     REFINED_ARGUMENTS, const int slots, const int is_single, const int count
 
+// Prefetch distance in points, for points in an order of their own.
+#define COMING_POINTS 16
+
 // A point of the user, and the same as it is looked up.
 typedef struct {
     double3 wide;
@@ -57,6 +60,13 @@ take_point(const ray_arrays_t *arrays, const int number, const tree_box_t *box, 
     return given;
 }
 
+// Asks for a point that is looked up later.
+INLINED void will_read_point(const ray_arrays_t *arrays, const int number)
+{
+    const ray_place_t place = find_ray_place(arrays, number);
+    WILL_READ(arrays->origins + place.at[ORIGINS_COLUMN]);
+}
+
 INLINED bool is_in_box(const double3 local_point, const double3 half_size)
 {
     const double3 sizes = fabs(local_point);
@@ -71,6 +81,9 @@ INLINED bool is_in_box(const double3 local_point, const double3 half_size)
     } \
     const int point_id = order ? order[place] : place; \
     const ray_arrays_t arrays = ARRAYS; \
+    if (order && place + COMING_POINTS < ray_count) { \
+        will_read_point(&arrays, order[place + COMING_POINTS]); \
+    } \
     const tree_box_t tree_box = load_tree_box(box); \
     const given_point_t given = take_point(&arrays, point_id, &tree_box, bad); \
     const point_pair_t point = given.pair
@@ -82,6 +95,7 @@ INLINED bool is_in_box(const double3 local_point, const double3 half_size)
 #define WRITE_PRIM(prim) \
     const wide_world_t wide_world = WIDE_WORLD; \
     const found_points_t found = FOUND_POINTS; \
+    will_write_closest(&found, point_id); \
     const world_prim_t nearest = (prim); \
     write_closest(&wide_world, given.wide, nearest.instance_id, nearest.prim_id, &found, point_id)
 
