@@ -134,7 +134,7 @@ class FrameRenderer:
             shared_times, session.times = session.times, times or session.times
             try:
                 # Other programs take memory of the device, too: then bands are halved.
-                most = max(1, fitting >> call.caster.halvings)
+                most = max(1, fitting >> call.caster.calls.halvings)
                 _render_bands(call, view, painter, most, colours, hits, on_rows, launch_s)
             finally:
                 session.times = shared_times

@@ -60,7 +60,7 @@ class HostItems(NamedTuple):
             width, height = settings.tile
         else:
             row_length, width, height = count, settings.work_group_size, 1
-        arrays, axes, bad = batch.arrays, begin_at(batch.axes(), piece.begin), ALL_GOOD.copy()
+        arrays, axes, bad = batch.arrays, begin_at(batch.axes, piece.begin), ALL_GOOD.copy()
         # Kernels read the user's arrays with any strides.
         used = *arrays, axes, world.box_numbers, order, bad
         origins, directions, t_mins, t_maxs, masks, axes_at, box, order_at, bad_at = find_addresses(used)

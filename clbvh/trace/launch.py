@@ -105,7 +105,6 @@ class Caster(ContextManager):
         self.calls = RunningCalls(session, owner)
         self._kernels: dict[tuple[Any, ...], Any] = {}
         self._lock = make_lock()
-        self.halvings = 0  # of the usual batch, since the device did not hold it
 
     def at(self, world: World) -> Caster:
         """Return a caster at another world, which shares all else with this one."""
@@ -145,7 +144,7 @@ class Caster(ContextManager):
         """
         fits = False
         while not fits:
-            tried = self.halvings
+            tried = self.calls.halvings
             try:
                 with self.open_call() as call:
                     work(call)
@@ -165,7 +164,7 @@ class Caster(ContextManager):
         with self._lock:
             if tried == MOST_HALVINGS:
                 return False
-            self.halvings = max(self.halvings, tried + 1)
+            self.calls.halvings = max(self.calls.halvings, tried + 1)
         self.calls.release_idle()
         return True
 
@@ -260,7 +259,7 @@ class Call(MemoryLoan):
 
     def fit(self, dtype: np.dtype, wanted: int) -> int:
         """Return how many items of a dtype the device holds in one buffer, `wanted` at most; see `cut_smaller`."""
-        return self.session.fit_items(dtype.itemsize, max(1, wanted >> self.caster.halvings))
+        return self.session.fit_items(dtype.itemsize, max(1, wanted >> self.caster.calls.halvings))
 
     def take(self, name: str, byte_count: int, *, for_mapping: bool = False) -> Any:
         """Return the call's buffer of a name, with room for some bytes."""

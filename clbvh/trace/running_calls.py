@@ -78,6 +78,8 @@ class RunningCalls:
     ----------
     is_closed : bool
         Whether new calls are refused.
+    halvings : int
+        Of the usual batch, since the device did not hold it.
     """
 
     def __init__(self, tree_session: DeviceSession, owner: str = "tracer") -> None:
@@ -85,6 +87,7 @@ class RunningCalls:
         self._owner = owner
         self._lock = make_lock()
         self.is_closed = False
+        self.halvings = 0
         self._idle: list[CallMemory] = []
         self._loans: dict[int, _Loan] = {}  # by the identity of the call
         self._closing: set[int] = set()  # threads that wait in `close`

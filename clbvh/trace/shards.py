@@ -353,6 +353,8 @@ class ShardedTracer(ContextManager):
             Called with the shard's `Caster`, its faces' numbers in the whole mesh, the items and their indices.
         """
         with self._lock:
+            if self._session.is_closed:
+                raise QueryError("the tracer is closed: its shards are no longer there")
             bits, order = self._compare(items, compare, self._boxes, limits)
             for number in order:
                 opened, box = self._open(number), self._boxes[number : number + 1]
@@ -385,8 +387,6 @@ class ShardedTracer(ContextManager):
 
     def _open(self, number: int) -> _Opened:
         """Return a shard in memory, after the one before has left it."""
-        if self._session.is_closed:
-            raise QueryError("the tracer is closed: its shards are no longer there")
         if self._opened is not None and self._opened.number == number:
             return self._opened
         self._release()

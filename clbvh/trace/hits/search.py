@@ -37,7 +37,7 @@ class HostRays(NamedTuple):
     ----------
     caster : Caster
     call : Call or None
-        None: of few rays, in one piece.
+        Lends memory to many rays; few need none.
     batch : RayBatch
     piece : RayPiece
     """
@@ -83,7 +83,7 @@ class HostRays(NamedTuple):
 
 
 class DeviceRays(NamedTuple):
-    """A piece of rays that a device casts; see `HostRays`."""
+    """A piece of rays whose results come by a buffer of the call; see `HostRays`."""
 
     call: Call
     batch: RayBatch

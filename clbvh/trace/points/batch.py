@@ -78,8 +78,9 @@ class SeenPoints:
         """The masks in C order, part by part."""
         return Broadcast.to_shape(self.masks, 0, self.shape)
 
+    @cached_property
     def axes(self) -> NDArray[np.int64]:
-        """Return (n, 6) int64: where the host's kernels find the points, see cl/rays/arrays.cl."""
+        """(n, 6) int64: where the host's kernels find the points, see cl/rays/arrays.cl."""
         return find_point_axes(self.points, self.masks)
 
 

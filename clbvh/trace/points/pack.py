@@ -64,7 +64,7 @@ _CUBE_SHARE = 2.0
 
 
 def find_point_order(points: NDArray[Any], box: TreeBox, order_by_keys: KeyOrder) -> NDArray[np.int32]:
-    """Return (n,) int32: the order in which to cast points; they need not be finite.
+    """Return (n,) int32: the order in which to look points up; they need not be finite.
 
     Parameters
     ----------

@@ -18,6 +18,7 @@ from ...structs import PACKED_POINT, WORLD_PRIM
 from ..host_items import ALL_GOOD, HostItems, begin_at
 from ..launch import Batch, Call, Caster, Query, run_pieces
 from ..rays import pieces
+from ..rays.batch import check_room
 from ..rays.pieces import Progress
 from ..world.metrics import Metrics
 from ..world.surface_arrays import SurfaceArrays
@@ -40,8 +41,11 @@ _BOX_GROWTH = 1 + 2.0**-20
 # Points of a work-group on the host. Looking one up takes as long as 5 to 50 rays.
 _GROUP_POINTS = 16
 
-# A number and two ids of a primitive, see cl/nearest/choose.cl.
+# A number and two ids of a primitive, see cl/nearest/choose.cl; and the bytes of these and of a hit.
 _CANDIDATE_NUMBERS = 2
+_SLOT_BYTES = 40
+
+_NO_POINTS = np.empty(0, np.int32)
 
 
 class HostPoints(NamedTuple):
@@ -74,6 +78,7 @@ class HostPoints(NamedTuple):
     def choose(self, count: int, slots: int, found: FoundPoints) -> NDArray[np.int32]:
         """Write the nearest primitives of the points, and return those whose slots are too few."""
         points, (surfaces, metrics) = self.piece.point_count, self._hold()
+        check_room(points, slots * _SLOT_BYTES, "points")
         hits = np.empty(points * slots, self.caster.world.hit_dtype)
         candidates, is_crowded = np.empty(points * slots * _CANDIDATE_NUMBERS), np.empty(points, np.bool_)
         arrays = surfaces.addresses, metrics.axes, metrics.half_lengths
@@ -110,7 +115,7 @@ class HostPoints(NamedTuple):
 
 def _take_on_host(world: World, seen: SeenPoints, piece: PointPiece) -> HostItems:
     """Return the points of a piece, which has some, as kernels of the host are told of them."""
-    count, axes, bad = piece.point_count, begin_at(seen.axes(), piece.begin), ALL_GOOD.copy()
+    count, axes, bad = piece.point_count, begin_at(seen.axes, piece.begin), ALL_GOOD.copy()
     used = seen.points, seen.masks, axes, world.box_numbers, piece.order, bad
     points, masks, axes_at, box, order_at, bad_at = find_addresses(used)
     is_double = seen.points.dtype.itemsize == 8
@@ -208,8 +213,6 @@ class DevicePoints(NamedTuple):
         return {name: self.call.put(name, array) for name, array in zip(names, surplus, strict=True)}
 
 
-_NO_POINTS = np.empty(0, np.int32)
-
 Points = HostPoints | DevicePoints
 
 
@@ -271,7 +274,7 @@ def _choose_world(call: Call, seen: SeenPoints) -> tuple[Call, SeenPoints]:
 
 def _take_piece(call: Call, seen: SeenPoints, begin: int, end: int) -> Points:
     """Return a piece of points, in an order in which neighbours are close; few of them stay in their own."""
-    world, is_host, order = call.world, call.session.info.is_host, None
+    world, is_host = call.world, call.session.info.is_host
     if is_host and end - begin < pack.LEAST_POINTS:
         return HostPoints(call.caster.at(world), seen, PointPiece(begin, end))
     points = take_points(seen.rows, begin, end, world.box)

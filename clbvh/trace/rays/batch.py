@@ -82,8 +82,9 @@ class RayBatch:
         """Return some of the rays, by their indices in C order."""
         return RayBatch(RayArrays(*(values.take(ray_ids).items for values in self.rows)), (len(ray_ids),))
 
+    @cached_property
     def axes(self) -> NDArray[np.int64]:
-        """Return (n, 6) int64: where the host's kernels find the rays, see cl/rays/arrays.cl."""
+        """(n, 6) int64: where the host's kernels and loops find the rays, see cl/rays/arrays.cl."""
         origins, directions, t_min, t_max, mask = self.arrays
         return _make_axes(
             self.shape, origins.shape, origins.strides, directions.shape, directions.strides, t_min.shape,
@@ -104,11 +105,13 @@ class RayBatch:
 
     @cached_property
     def addresses(self) -> NDArray[np.uint64]:
-        """The same as the host's loops are told of it, see cl/rays/given.cl: a struct of addresses and numbers."""
+        """The same as the host's loops are told of it, see cl/rays/given.cl: a struct of addresses and numbers.
+
+        Addresses are no references: the batch holds what they are of.
+        """
         assert not self.is_on_device
-        axes = self.axes()
-        *arrays, axes_at = find_addresses((*self.arrays, axes))
-        return np.array([*arrays, self.doubles, axes_at, len(axes) - 2], np.uint64)
+        *arrays, axes_at = find_addresses((*self.arrays, self.axes))
+        return np.array([*arrays, self.doubles, axes_at, len(self.axes) - 2], np.uint64)
 
     @property
     def doubles(self) -> int:

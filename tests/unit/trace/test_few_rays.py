@@ -160,3 +160,11 @@ def test_a_bad_ray_among_those_that_are_sampled_has_its_own_number(session):
             with pytest.raises(QueryError, match=message):
                 tracer.closest_hit(origins, directions)
             directions[bad] = 1
+
+
+def test_what_loops_are_told_of_rays_stays_while_rays_of_many_shapes_come(mesh, rays):
+    batch = read_rays(*rays, 0.0, np.inf)
+    axes_at = batch.addresses[6]
+    for count in range(300):  # more than are remembered
+        assert read_rays(np.zeros((count, 1, 3)), [0, 0, 1], 0.0, np.inf).axes.shape[1] == 6
+    assert axes_at == batch.axes.ctypes.data

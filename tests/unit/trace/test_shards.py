@@ -187,8 +187,9 @@ def test_a_bad_ray_or_a_closed_tracer_is_refused_and_the_next_query_works(folder
         with pytest.raises(clbvh.ConfigError, match="do not know the whole mesh"):
             _ = hits.part_id
     assert tracer.is_closed
-    with pytest.raises(clbvh.QueryError, match="closed"):
-        tracer.closest_hit(*make_rays(mesh, 10)[:2])
+    for count in (10, 0):
+        with pytest.raises(clbvh.QueryError, match="closed"):
+            tracer.closest_hit(*(rays[:count] for rays in make_rays(mesh, 10)[:2]))
 
 
 def flip(path, share):
