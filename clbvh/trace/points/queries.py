@@ -14,7 +14,7 @@ from .refine import ClosestPoints, FoundPoints
 from .search import CLOSEST_POINT, DEPTH, Points, look_up, only_points, split_points
 
 # Distance, point and ids of a point.
-POINT_BYTES = 44
+POINT_BYTES = 40
 
 # Slots of the points that are looked up at a time. A single point gets the room it needs.
 _MOST_SLOTS = 2**20
