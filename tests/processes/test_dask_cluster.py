@@ -67,7 +67,7 @@ def test_workers_with_a_device_each_answer_as_one_tracer(session, ball, tmp_path
     names = {"host": choose_device("host").name, "pocl": choose_device("pocl").name}
     common = {"nthreads": 1, "dashboard": False, "local_directory": str(tmp_path)}
     workers = {each: {"cls": Nanny, "options": {**common, "env": {"CLBVH_DEVICE": each}}} for each in names}
-    scheduler = {"cls": Scheduler, "options": {"dashboard": False}}
+    scheduler = {"cls": Scheduler, "options": {"dashboard": False, "dashboard_address": ":0"}}
     with Tracer(ball, device="host") as one, SpecCluster(workers, scheduler) as cluster, Client(cluster) as client:
         hits, ref = one.closest_hit(*RAYS), SceneRef(ball)
         # Chosen by the environment of the worker, or by the task.
