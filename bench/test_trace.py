@@ -11,7 +11,7 @@ import pytest
 import clbvh
 from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.trace import put_rays
-from clbvh.trace.rays.pieces import RayPiece, cut_rays
+from clbvh.trace.rays.pieces import Piece, cut_rays
 from clbvh.tree_layouts import TREE_LAYOUTS
 
 from .paired import DEFAULT_RUNS, measure_ms
@@ -27,7 +27,7 @@ def unsorted_rays(monkeypatch):
 
     def cut_unsorted(*arguments, **options):
         for piece in cut_rays(*arguments, **options):
-            yield piece if piece.order is None else RayPiece(piece.begin, piece.end)
+            yield piece if piece.order is None else Piece(piece.begin, piece.end)
 
     monkeypatch.setattr(put_rays, "cut_rays", cut_unsorted)
 

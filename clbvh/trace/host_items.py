@@ -17,7 +17,7 @@ from ..device.host.session import LEAST_GROUPS
 from ..device.settings import Settings
 from .rays.batch import RayBatch
 from .rays.pack import check_rays, explain_bad_ray
-from .rays.pieces import RayPiece
+from .rays.pieces import Piece
 from .world.tree_box import TreeBox
 from .world.world import World
 
@@ -51,11 +51,11 @@ class HostItems(NamedTuple):
 
     @classmethod
     def of_rays(
-        cls, settings: Settings, world: World, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool = True
+        cls, settings: Settings, world: World, batch: RayBatch, piece: Piece, *, in_ray_order: bool = True
     ) -> HostItems:
         """Return the rays of a piece, which has some; see `put_rays`."""
         row_length, order = piece.row_length, piece.order
-        count = piece.end - piece.begin if order is None else len(order)
+        count = piece.item_count
         if row_length:
             width, height = settings.tile
         else:
@@ -108,7 +108,7 @@ def begin_at(axes: NDArray[np.int64], begin: int) -> NDArray[np.int64]:
     return axes
 
 
-def _explain_ray(batch: RayBatch, piece: RayPiece, box: TreeBox, bad: int) -> Exception:
+def _explain_ray(batch: RayBatch, piece: Piece, box: TreeBox, bad: int) -> Exception:
     if piece.order is not None:
         # Pieces before this one had other rays.
         check_rays(batch, box, piece.begin, piece.begin + bad)

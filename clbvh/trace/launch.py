@@ -25,6 +25,7 @@ from ..support.context_manager import ContextManager
 from ..support.forks import make_lock
 from .host_items import HostItems
 from .running_calls import MemoryLoan, RunningCalls
+from .world.changes import Changes
 from .world.world import World
 
 
@@ -204,6 +205,21 @@ class Caster(ContextManager):
         """Give back the memory of calls that have ended; the world stays."""
         self.threads.close()
         self.calls.release_idle()
+
+
+class HasCaster(ContextManager):
+    """A mesh or a scene on a device: what the queries and the moves of a tracer share.
+
+    Attributes
+    ----------
+    _caster : Caster
+        Each query reads it once, because a move replaces it.
+    _changes : Changes
+        What handles of the scene name, and how its trees follow moves.
+    """
+
+    _caster: Caster
+    _changes: Changes
 
 
 def run_pieces(

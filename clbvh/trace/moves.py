@@ -17,8 +17,7 @@ from ..errors import ConfigError, SceneError
 from ..geometry import Mesh, Shape, Spheres
 from ..layouts.device_mesh import move_mesh
 from ..scene.handles import Geometry, Instances
-from .has_caster import HasCaster
-from .launch import Call
+from .launch import Call, HasCaster
 from .world.changes import Changes
 from .world.world import World
 

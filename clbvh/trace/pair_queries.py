@@ -18,7 +18,7 @@ from ..structs import NO_PRIM
 from ..support.host_threads import cut_range
 from .clearance.triangles import TOUCH, measure_exactly
 from .clearance.walk import PAIR_BYTES, HostTrees, PairSearch, check_meshes, find_overlaps, place_pair
-from .has_caster import HasCaster
+from .launch import HasCaster
 from .rays.batch import check_room
 from .world.top_tree import find_boxes
 

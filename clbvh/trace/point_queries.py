@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ClbvhWarning, ConfigError, OpenMeshWarning
 from ..scene.handles import Geometry, Instances
-from .has_caster import HasCaster
-from .launch import Caster
+from .launch import Caster, HasCaster
 from .points.ambient_occlusion import Hemispheres, check_sampling, find_open_shares
 from .points.batch import SeenPoints
 from .points.queries import find_closest, find_contained, find_nearest_points, find_signed

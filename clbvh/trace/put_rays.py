@@ -25,7 +25,7 @@ from .host_items import HostItems
 from .launch import Batch, Call, Caster, Query
 from .rays.batch import Broadcast, RayBatch, read_vectors
 from .rays.pack import explain_bad_ray, find_shared_low, pack_rays
-from .rays.pieces import CHUNK_RAYS, MOST_SAMPLED_BYTES, Progress, RayPiece, cut_points, cut_rays
+from .rays.pieces import CHUNK_RAYS, MOST_SAMPLED_BYTES, Piece, Progress, cut_points, cut_rays
 from .world.starts import AT_THE_ROOT, TILE_KERNEL, find_entry_points
 from .world.tree_box import TreeBox
 from .world.world import World
@@ -76,15 +76,13 @@ def host_packs(info: DeviceInfo) -> bool:
     return info.kind == "cpu"
 
 
-def cut_batch(
-    call: Call, batch: RayBatch, *, most_rays: int = 0, progress: Progress | None = None
-) -> Iterator[RayPiece]:
+def cut_batch(call: Call, batch: RayBatch, *, most_rays: int = 0, progress: Progress | None = None) -> Iterator[Piece]:
     """Yield the pieces in which a call casts a batch of rays; see `pieces.cut_rays`."""
     world = call.world
     if batch.is_on_device:
         most = call.fit(PACKED_RAY, CHUNK_RAYS)
         chunks = cut_points(batch.ray_count, most_points=most, progress=progress)
-        return (RayPiece(begin, end) for begin, end in chunks)
+        return (Piece(begin, end) for begin, end in chunks)
     is_small = world.memory_bytes <= MOST_SAMPLED_BYTES
     return cut_rays(
         batch, world.box, call.order_by_keys, tile_rows=call.session.settings.tile[1],
@@ -98,20 +96,20 @@ def _count_steps(call: Call, batch: RayBatch) -> float:
     if not call.session.info.is_host:
         return math.inf
     # A bad ray takes no step here: it is told by its number among all of them when it is cast.
-    sample = put_rays(call, batch, RayPiece(0, batch.ray_count))
+    sample = put_rays(call, batch, Piece(0, batch.ray_count))
     assert sample.here is not None
     with call.cast(COUNT_STEPS, sample._replace(here=sample.here._replace(explain=None))) as steps:
         return float(steps["node_steps"].mean() + steps["leaf_visits"].mean())
 
 
-def put_rays(call: Call, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool = True) -> Batch:
+def put_rays(call: Call, batch: RayBatch, piece: Piece, *, in_ray_order: bool = True) -> Batch:
     """Put the rays of a piece on the device; the host casts them where they are.
 
     Parameters
     ----------
     call : Call
     batch : RayBatch
-    piece : RayPiece
+    piece : Piece
         Of the batch.
     in_ray_order : bool
         Whether the results are to be in the order of the chunk's rays, whatever the order of the piece; then the piece
@@ -124,8 +122,8 @@ def put_rays(call: Call, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool
     """
     if call.session.info.is_host:
         here = HostItems.of_rays(call.session.settings, call.world, batch, piece, in_ray_order=in_ray_order)
-        return Batch(piece.ray_count, here.groups[:2], (1, 1), {}, here=here)
-    count, settings = piece.ray_count, call.session.settings
+        return Batch(piece.item_count, here.groups[:2], (1, 1), {}, here=here)
+    count, settings = piece.item_count, call.session.settings
     row_length = piece.row_length or count
     work_size = row_length, -(-count // row_length)
     work_group = settings.tile if piece.row_length else (settings.work_group_size, 1)
@@ -146,7 +144,7 @@ def put_rays(call: Call, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool
     return Batch(count, work_size, work_group, described | starts | {"order": order}, arrays)
 
 
-def _put_arrays(call: Call, batch: RayBatch, piece: RayPiece) -> dict[str, Any]:
+def _put_arrays(call: Call, batch: RayBatch, piece: Piece) -> dict[str, Any]:
     """Return what kernels are told of rays in arrays, see cl/rays/arrays.cl."""
     origins, directions, t_mins, t_maxs, masks = batch.arrays
     given: dict[str, NDArray[Any]] = {"t_mins": t_mins, "t_maxs": t_maxs, "masks": masks}
@@ -161,14 +159,14 @@ def _put_arrays(call: Call, batch: RayBatch, piece: RayPiece) -> dict[str, Any]:
         "doubles": np.int32(batch.doubles),
         "axes": call.put("axes", axes),
         "axis_count": np.int32(len(axes) - 2),
-        "ray_count": np.int32(piece.ray_count),
+        "ray_count": np.int32(piece.item_count),
         **{name: call.put(name, part) for name, part in parts.items()},
     }
 
 
-def _pack_on_device(call: Call, batch: RayBatch, piece: RayPiece, arrays: dict[str, Any]) -> dict[str, Any]:
+def _pack_on_device(call: Call, batch: RayBatch, piece: Piece, arrays: dict[str, Any]) -> dict[str, Any]:
     """Return the buffers of rays in arrays, by the names of the kernels' arguments, once the device has packed them."""
-    world, session, count = call.world, call.session, piece.ray_count
+    world, session, count = call.world, call.session, piece.item_count
     packed = call.take("rays", count * PACKED_RAY.itemsize, for_mapping=True)
     low = world.low_dtype
     lows = None if low is None else call.take("lows", count * low.itemsize, for_mapping=True)
@@ -185,15 +183,15 @@ def _pack_on_device(call: Call, batch: RayBatch, piece: RayPiece, arrays: dict[s
     return {"rays": packed, "lows": lows, "low_step": np.int32(low is not None)}
 
 
-def _pack_lone(call: Call, batch: RayBatch, piece: RayPiece) -> dict[str, Any]:
+def _pack_lone(call: Call, batch: RayBatch, piece: Piece) -> dict[str, Any]:
     """Return the buffers of rays at a lone shape, by the names of the kernels' arguments."""
-    rays = call.fill("rays", PACKED_RAY, piece.ray_count, _make_packer(batch, piece, call.world.box))
+    rays = call.fill("rays", PACKED_RAY, piece.item_count, _make_packer(batch, piece, call.world.box))
     return {"rays": rays, "lows": None, "low_step": np.int32(0)}
 
 
-def _pack_with_lows(call: Call, batch: RayBatch, piece: RayPiece) -> dict[str, Any]:
+def _pack_with_lows(call: Call, batch: RayBatch, piece: Piece) -> dict[str, Any]:
     """Return the buffers of rays and of their low parts: one for all of them if that is enough."""
-    world, count = call.world, piece.ray_count
+    world, count = call.world, piece.item_count
     pack = _make_packer(batch, piece, world.box)
     low, shared = world.low_dtype, None
     assert low is not None
@@ -225,7 +223,7 @@ def _advances_rays(world: World) -> bool:
     return float(world.top.instances["radius"].min()) * FAR_RADII * _ROUNDING_ROOM < farthest
 
 
-def _make_packer(batch: RayBatch, piece: RayPiece, box: TreeBox) -> Callable[..., bool]:
+def _make_packer(batch: RayBatch, piece: Piece, box: TreeBox) -> Callable[..., bool]:
     """Return a function that packs a range of the piece's rays, given its begin, its end, and where they go."""
 
     def pack(first: int, last: int, packed: NDArray[np.void], **lows: Any) -> bool:

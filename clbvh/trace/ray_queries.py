@@ -14,12 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ConfigError
 from ..geometry.arrays import is_device_array, on_host
-from .has_caster import HasCaster
 from .hits.all_hits import find_all_hits
 from .hits.closest import NO_LIMIT, count_hits, find_any_hits, find_closest_hits, find_closest_prims
 from .hits.device_hits import DeviceHits, download_hits, find_hits_on_device, put_hits
 from .hits.hits import AllHits, Hits
-from .launch import Caster
+from .launch import Caster, HasCaster
 from .put_rays import put_vectors
 from .rays.batch import RayBatch, read_device_rays, read_rays, read_vectors
 from .rays.pieces import Progress

@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...device.host.loops import Loops
+from ...support.host_threads import HostThreads
 from ..launch import Caster
 from ..rays.batch import RayBatch, check_room
-from ..rays.pieces import Progress
+from ..rays.pieces import Piece, Progress
 from ..world.surface_arrays import SurfaceArrays
 from .hits import AllHits
 from .refine import LEAST_HITS, RefinedHits
-from .search import FIRST_HITS, Rays, cast_rays, only_rays, split_rays
+from .search import FIRST_HITS, Rays, cast_rays
 from .surface import Surface
 
 # Slots of each ray in the first round, and their growth from round to round. Few rays of real meshes need a second one.
@@ -94,18 +95,19 @@ def find_crossings(caster: Caster, batch: RayBatch, max_hits: int | None, progre
 def _search(search: _Search, rays: Rays, slots: int) -> None:
     """Find the nearest crossings of a piece of rays, and more of those whose slots are all taken."""
     wanted = slots if search.max_hits is None else min(slots, search.max_hits)
-    for part in split_rays(rays, wanted):
-        with part.find(FIRST_HITS, wanted) as kept:
-            crowded = _compact(search, part, kept.view(np.int64).reshape(-1, wanted, kept.dtype.itemsize // 8))
+    for piece in rays.piece.split(rays.find_room(wanted)):
+        with rays._replace(piece=piece).find(FIRST_HITS, wanted) as kept:
+            crowded = _compact(
+                search, rays.caster.threads, piece, kept.view(np.int64).reshape(-1, wanted, kept.dtype.itemsize // 8)
+            )
         if len(crowded):
-            _search(search, only_rays(part, crowded), min(slots * SLOT_GROWTH, search.most_slots))
+            _search(search, rays._replace(piece=piece.only(crowded)), min(slots * SLOT_GROWTH, search.most_slots))
 
 
-def _compact(search: _Search, rays: Rays, kept: NDArray[np.int64]) -> NDArray[np.int32]:
+def _compact(search: _Search, threads: HostThreads, piece: Piece, kept: NDArray[np.int64]) -> NDArray[np.int32]:
     """Add the hits of a piece to the search, without gaps; return its crowded rays, counted from its begin."""
-    slots, words, threads = kept.shape[1], kept.shape[2], rays.caster.threads
-    ray_ids = rays.piece.ray_ids()
-    counts, sources = search.counts[rays.piece.begin :], search.sources[rays.piece.begin :]
+    slots, words, ray_ids = kept.shape[1], kept.shape[2], piece.item_ids()
+    counts, sources = search.counts[piece.begin :], search.sources[piece.begin :]
 
     def compact(segment: int, first: int, last: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
         hits, crowded = np.empty(((last - first) * slots, words), np.int64), np.empty(last - first, np.int32)

@@ -18,8 +18,7 @@ from ..launch import Call, Caster, Query, run_pieces
 from ..put_rays import cut_batch, put_rays
 from ..rays import pieces
 from ..rays.batch import RayBatch
-from ..rays.pieces import Progress, RayPiece
-from ..world.world import World
+from ..rays.pieces import Piece, Progress
 from .refine import LEAST_HITS, RefinedHits, refine_closest
 
 # The host's kernel takes the surfaces and the arrays of refined hits as well, see cl/on_host/kernels/closest_hit.cl.
@@ -39,13 +38,13 @@ class HostRays(NamedTuple):
     call : Call or None
         Lends memory to many rays; few need none.
     batch : RayBatch
-    piece : RayPiece
+    piece : Piece
     """
 
     caster: Caster
     call: Call | None
     batch: RayBatch
-    piece: RayPiece
+    piece: Piece
 
     def answer(self, query: Query, answers: NDArray[Any], **numbers: Any) -> None:
         """Write what a kernel finds for each ray of the chunk, of hits the primitive, given its further arguments."""
@@ -70,9 +69,13 @@ class HostRays(NamedTuple):
         """Give the results of a kernel, `slots` of each ray: of the first hits in the order of the piece."""
         if self.call is not None:
             return DeviceRays(self.call, self.batch, self.piece).find(query, slots)
-        found = np.empty(self.piece.ray_count * slots, query.dtype or self.caster.world.hit_dtype)
+        found = np.empty(self.piece.item_count * slots, query.dtype or self.caster.world.hit_dtype)
         self._run(query, [found, *[None] * query.more_here], *([slots] if query is FIRST_HITS else []))
         return nullcontext(found)
+
+    def find_room(self, slots: int) -> int:
+        """Return for how many rays there is room, if each has some slots."""
+        return max(1, MOST_SLOTS // slots) if self.call is None else _find_room(self.call, slots)
 
     def _run(self, query: Query, arrays: Any, *numbers: int) -> None:
         caster, world = self.caster, self.caster.world
@@ -87,7 +90,7 @@ class DeviceRays(NamedTuple):
 
     call: Call
     batch: RayBatch
-    piece: RayPiece
+    piece: Piece
 
     @property
     def caster(self) -> Caster:
@@ -119,29 +122,16 @@ class DeviceRays(NamedTuple):
         numbers = {"slots": np.int32(slots)} if is_first else {}
         return self.call.cast(query, rays, results_per_item=slots, **numbers)
 
+    def find_room(self, slots: int) -> int:
+        """See `HostRays`."""
+        return _find_room(self.call, slots)
+
 
 Rays = HostRays | DeviceRays
 
 
-def only_rays(rays: Rays, order: NDArray[np.int32]) -> Rays:
-    """Return a piece with only these rays, counted from its begin."""
-    return rays._replace(piece=RayPiece(rays.piece.begin, rays.piece.end, order))
-
-
-def split_rays(rays: Rays, slots: int) -> Iterator[Rays]:
-    """Yield parts of a piece whose rays have room for so many results each."""
-    most_rays = _find_room(rays.caster.world, rays.call, slots)
-    if rays.piece.ray_count <= most_rays:
-        yield rays
-        return
-    order = rays.piece.ray_ids()
-    for first in range(0, len(order), most_rays):
-        yield only_rays(rays, order[first : first + most_rays])
-
-
-def _find_room(world: World, call: Call | None, slots: int) -> int:
-    """Return for how many rays there is room."""
-    return max(1, (MOST_SLOTS if call is None else call.fit(world.hit_dtype, MOST_SLOTS)) // slots)
+def _find_room(call: Call, slots: int) -> int:
+    return max(1, call.fit(call.world.hit_dtype, MOST_SLOTS) // slots)
 
 
 def cast_rays(
@@ -161,11 +151,11 @@ def cast_rays(
     """
 
     def cut(call: Call) -> Iterator[Rays]:
-        most_rays = _find_room(call.world, call, slots) if slots else 0
+        most_rays = _find_room(call, slots) if slots else 0
         for piece in cut_batch(call, batch, most_rays=most_rays, progress=progress):
             is_host = call.session.info.is_host
             yield HostRays(call.caster, call, batch, piece) if is_host else DeviceRays(call, batch, piece)
 
     are_few = batch.ray_count < pieces.LEAST_RAYS and caster.session.info.is_host
-    all_rays = HostRays(caster, None, batch, RayPiece(0, batch.ray_count)) if are_few else None
+    all_rays = HostRays(caster, None, batch, Piece(0, batch.ray_count)) if are_few else None
     run_pieces(caster, batch.ray_count, all_rays, cut, work, progress)

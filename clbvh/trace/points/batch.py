@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,31 +82,6 @@ class SeenPoints:
     def axes(self) -> NDArray[np.int64]:
         """(n, 6) int64: where the host's kernels find the points, see cl/rays/arrays.cl."""
         return find_point_axes(self.points, self.masks)
-
-
-class PointPiece(NamedTuple):
-    """Points that are looked up in one launch.
-
-    Attributes
-    ----------
-    begin, end : int
-        The chunk: a range of the points.
-    order : (n,) int32 or None
-        Points of the piece, one after the other, counted from `begin`; None: all of the chunk, in their own order.
-    """
-
-    begin: int
-    end: int
-    order: NDArray[np.int32] | None = None
-
-    @property
-    def point_count(self) -> int:
-        """Number of points to look up."""
-        return self.end - self.begin if self.order is None else len(self.order)
-
-    def point_ids(self) -> NDArray[np.int32]:
-        """Return (n,) int32: the points of the piece, counted from `begin`."""
-        return np.arange(self.end - self.begin, dtype=np.int32) if self.order is None else self.order
 
 
 def take_points(rows: Broadcast, begin: int, end: int, box: TreeBox) -> NDArray[Any]:

@@ -9,15 +9,13 @@ from ...structs import NO_PRIM
 from ..launch import Caster
 from ..rays.batch import check_room
 from ..rays.pieces import Progress
+from . import search
 from .batch import SeenPoints
 from .refine import ClosestPoints, FoundPoints
-from .search import CLOSEST_POINT, DEPTH, Points, look_up, only_points, split_points
+from .search import CLOSEST_POINT, DEPTH, Points, look_up
 
 # Distance, point and ids of a point.
 POINT_BYTES = 40
-
-# Slots of the points that are looked up at a time. A single point gets the room it needs.
-_MOST_SLOTS = 2**20
 
 # Slots of each point beside those that are asked for: about as many triangles meet at a vertex, and are equally near.
 # Where they are too few, the slots grow by a factor.
@@ -104,15 +102,15 @@ def find_nearest_points(
         begin, end = points.piece.begin, points.piece.end
         _choose(points, count, slots, found.part(begin * count, end * count))
 
-    look_up(caster, seen, find, progress, most_points=max(1, _MOST_SLOTS // slots))
+    look_up(caster, seen, find, progress, most_points=max(1, search.MOST_SLOTS // slots))
     return found.as_closest((*seen.shape, count), caster.world.arrays.geometry_id)
 
 
 def _choose(points: Points, count: int, slots: int, found: FoundPoints) -> None:
-    for part in split_points(points, max(1, _MOST_SLOTS // slots)):
-        crowded = part.choose(count, slots, found)
+    for piece in points.piece.split(points.find_room(slots)):
+        crowded = points._replace(piece=piece).choose(count, slots, found)
         if len(crowded):
-            _choose(only_points(points, crowded), count, slots * _SLOT_GROWTH, found)
+            _choose(points._replace(piece=piece.only(crowded)), count, slots * _SLOT_GROWTH, found)
 
 
 def _part_of(found: FoundPoints, points: Points) -> FoundPoints:

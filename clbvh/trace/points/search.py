@@ -19,14 +19,14 @@ from ..host_items import ALL_GOOD, HostItems, begin_at
 from ..launch import Batch, Call, Caster, Query, run_pieces
 from ..rays import pieces
 from ..rays.batch import check_room
-from ..rays.pieces import Progress
+from ..rays.pieces import Piece, Progress
 from ..world.metrics import Metrics
 from ..world.surface_arrays import SurfaceArrays
 from ..world.top_tree import prune_top
 from ..world.tree_box import TreeBox
 from ..world.world import World, with_instances
 from . import pack
-from .batch import PointPiece, SeenPoints, explain_bad_point, take_points
+from .batch import SeenPoints, explain_bad_point, take_points
 from .refine import FoundPoints, choose_points, refine_points
 
 CLOSEST_POINT = Query("closest_point", "prims", WORLD_PRIM)
@@ -37,6 +37,9 @@ _CLOSEST_POINTS = Query("closest_points", "hits")
 # The box is grown by this share before a point is said to be outside: float32 has rounded it. As in
 # cl/on_host/world/points.cl.
 _BOX_GROWTH = 1 + 2.0**-20
+
+# Slots of the points that are looked up at a time. A single point gets the room it needs.
+MOST_SLOTS = 2**20
 
 # Points of a work-group on the host. Looking one up takes as long as 5 to 50 rays.
 _GROUP_POINTS = 16
@@ -56,12 +59,12 @@ class HostPoints(NamedTuple):
     caster : Caster
         At the world that is seen.
     seen : SeenPoints
-    piece : PointPiece
+    piece : Piece
     """
 
     caster: Caster
     seen: SeenPoints
-    piece: PointPiece
+    piece: Piece
 
     def find(self, query: Query, found: FoundPoints) -> None:
         """Write the points of the primitives that a query finds."""
@@ -77,7 +80,7 @@ class HostPoints(NamedTuple):
 
     def choose(self, count: int, slots: int, found: FoundPoints) -> NDArray[np.int32]:
         """Write the nearest primitives of the points, and return those whose slots are too few."""
-        points, (surfaces, metrics) = self.piece.point_count, self._hold()
+        points, (surfaces, metrics) = self.piece.item_count, self._hold()
         check_room(points, slots * _SLOT_BYTES, "points")
         hits = np.empty(points * slots, self.caster.world.hit_dtype)
         candidates, is_crowded = np.empty(points * slots * _CANDIDATE_NUMBERS), np.empty(points, np.bool_)
@@ -85,13 +88,17 @@ class HostPoints(NamedTuple):
         self._run(
             _CLOSEST_POINTS, [metrics.records, hits, candidates, is_crowded, *arrays, *found], slots, count == 1, count
         )
-        return self.piece.point_ids()[is_crowded] if is_crowded.any() else _NO_POINTS
+        return self.piece.item_ids()[is_crowded] if is_crowded.any() else _NO_POINTS
 
     def find_hits(self, query: Query) -> NDArray[np.void]:
         """Return (n,) structs: what a kernel of the name finds for each point of the chunk."""
         hits = np.empty(self.piece.end - self.piece.begin, query.dtype)
         self._run(query, [hits])
         return hits
+
+    def find_room(self, slots: int) -> int:
+        """Return for how many points there is room, if each has some slots."""
+        return max(1, MOST_SLOTS // slots)
 
     def _hold(self) -> tuple[SurfaceArrays, Metrics]:
         """Return what a kernel is told of the world in float64, to be held until it returns.
@@ -113,9 +120,9 @@ class HostPoints(NamedTuple):
         points.run(session, self.caster.kernel_at(world, query.kernel), arrays, *numbers)
 
 
-def _take_on_host(world: World, seen: SeenPoints, piece: PointPiece) -> HostItems:
+def _take_on_host(world: World, seen: SeenPoints, piece: Piece) -> HostItems:
     """Return the points of a piece, which has some, as kernels of the host are told of them."""
-    count, axes, bad = piece.point_count, begin_at(seen.axes, piece.begin), ALL_GOOD.copy()
+    count, axes, bad = piece.item_count, begin_at(seen.axes, piece.begin), ALL_GOOD.copy()
     used = seen.points, seen.masks, axes, world.box_numbers, piece.order, bad
     points, masks, axes_at, box, order_at, bad_at = find_addresses(used)
     is_double = seen.points.dtype.itemsize == 8
@@ -124,7 +131,7 @@ def _take_on_host(world: World, seen: SeenPoints, piece: PointPiece) -> HostItem
     return HostItems(numbers, groups, bad, used, partial(_explain, seen, piece, world.box))
 
 
-def _explain(seen: SeenPoints, piece: PointPiece, box: TreeBox, bad: int) -> Exception:
+def _explain(seen: SeenPoints, piece: Piece, box: TreeBox, bad: int) -> Exception:
     if piece.order is not None:
         # Others of the chunk may be bad as well.
         take_points(seen.rows, piece.begin, piece.end, box)
@@ -138,7 +145,7 @@ class DevicePoints(NamedTuple):
     ----------
     call : Call
         At the world that is seen.
-    piece : PointPiece
+    piece : Piece
         With an order.
     points : (n, 3) float, contiguous, the world's coordinates
         Of the chunk.
@@ -146,13 +153,13 @@ class DevicePoints(NamedTuple):
     """
 
     call: Call
-    piece: PointPiece
+    piece: Piece
     points: NDArray[Any]
     masks: NDArray[np.uint32]
 
     def find(self, query: Query, found: FoundPoints) -> None:
         """See `HostPoints`."""
-        world, order = self.call.world, self.piece.point_ids()
+        world, order = self.call.world, self.piece.item_ids()
         surplus = {} if query is CLOSEST_POINT else self._put_surplus()
         with self.call.cast(query, self._put(order), metrics=self._put_metrics(), **surplus) as prims:
 
@@ -164,7 +171,7 @@ class DevicePoints(NamedTuple):
 
     def find_inside(self) -> NDArray[np.bool_]:
         """See `HostPoints`."""
-        is_inside, box, order = np.zeros(len(self.points), np.bool_), self.call.world.box, self.piece.point_ids()
+        is_inside, box, order = np.zeros(len(self.points), np.bool_), self.call.world.box, self.piece.item_ids()
         is_in_box = np.abs((self.points - box.centre) * box.scale) <= box.half * _BOX_GROWTH
         order = order[np.logical_and.reduce(is_in_box, axis=1)[order]]
         if len(order):
@@ -174,26 +181,27 @@ class DevicePoints(NamedTuple):
 
     def choose(self, count: int, slots: int, found: FoundPoints) -> NDArray[np.int32]:
         """See `HostPoints`."""
-        world, order = self.call.world, self.piece.point_ids()
-        most_points = max(1, self.call.fit(world.hit_dtype, len(order) * slots) // slots)
+        world, order = self.call.world, self.piece.item_ids()
         crowded = [_NO_POINTS]
-        for first in range(0, len(order), most_points):
-            chosen = order[first : first + most_points]
-            with self.call.cast(
-                _CLOSEST_POINTS, self._put(chosen), results_per_item=slots, slots=np.int32(slots),
-                is_single=np.int32(count == 1), metrics=self._put_metrics(),
-            ) as hits:  # fmt: skip
+        with self.call.cast(
+            _CLOSEST_POINTS, self._put(order), results_per_item=slots, slots=np.int32(slots),
+            is_single=np.int32(count == 1), metrics=self._put_metrics(),
+        ) as hits:  # fmt: skip
 
-                def choose(begin: int, end: int, hits: Any = hits, chosen: NDArray[np.int32] = chosen) -> None:
-                    own = hits[begin * slots : end * slots], chosen[begin:end], slots, count, found
-                    crowded.append(choose_points(self.points, world.arrays, world.metrics.metrics, world.box, *own))
+            def choose(begin: int, end: int) -> None:
+                own = hits[begin * slots : end * slots], order[begin:end], slots, count, found
+                crowded.append(choose_points(self.points, world.arrays, world.metrics.metrics, world.box, *own))
 
-                self.call.threads.for_ranges(len(chosen), choose)
+            self.call.threads.for_ranges(len(order), choose)
         return np.concatenate(crowded)
+
+    def find_room(self, slots: int) -> int:
+        """See `HostPoints`."""
+        return max(1, self.call.fit(self.call.world.hit_dtype, MOST_SLOTS) // slots)
 
     def find_hits(self, query: Query) -> NDArray[np.void]:
         """See `HostPoints`."""
-        order = self.piece.point_ids()
+        order = self.piece.item_ids()
         with self.call.cast(query, self._put(order)) as found:
             hits = np.empty(len(order), found.dtype)
             hits[order] = found
@@ -214,21 +222,6 @@ class DevicePoints(NamedTuple):
 
 
 Points = HostPoints | DevicePoints
-
-
-def only_points(points: Points, order: NDArray[np.int32]) -> Points:
-    """Return a piece with only these points, counted from its begin."""
-    return points._replace(piece=points.piece._replace(order=order))
-
-
-def split_points(points: Points, most_points: int) -> Iterator[Points]:
-    """Yield parts of a piece with at most so many points."""
-    if points.piece.point_count <= most_points:
-        yield points
-        return
-    order = points.piece.point_ids()
-    for first in range(0, len(order), most_points):
-        yield only_points(points, order[first : first + most_points])
 
 
 def look_up(
@@ -256,7 +249,7 @@ def look_up(
 
     are_few = count <= most and count < pack.LEAST_POINTS and seen.instance_ids is None
     are_few = are_few and caster.session.info.is_host
-    all_points = HostPoints(caster, seen, PointPiece(0, count)) if are_few else None
+    all_points = HostPoints(caster, seen, Piece(0, count)) if are_few else None
     run_pieces(caster, count, all_points, cut, work, progress)
 
 
@@ -276,10 +269,10 @@ def _take_piece(call: Call, seen: SeenPoints, begin: int, end: int) -> Points:
     """Return a piece of points, in an order in which neighbours are close; few of them stay in their own."""
     world, is_host = call.world, call.session.info.is_host
     if is_host and end - begin < pack.LEAST_POINTS:
-        return HostPoints(call.caster.at(world), seen, PointPiece(begin, end))
+        return HostPoints(call.caster.at(world), seen, Piece(begin, end))
     points = take_points(seen.rows, begin, end, world.box)
     order = pack.find_point_order(points, world.box, call.order_by_keys)
-    piece = PointPiece(begin, end, order)
+    piece = Piece(begin, end, order)
     if is_host:
         return HostPoints(call.caster.at(world), seen, piece)
     return DevicePoints(call, piece, points, seen.mask_rows.part(begin, end, seen.masks.dtype))

@@ -47,8 +47,8 @@ Progress = Callable[[int, int], None]
 StepCounter = Callable[[RayBatch], float]
 
 
-class RayPiece(NamedTuple):
-    """Rays that are cast in one launch.
+class Piece(NamedTuple):
+    """Rays that are cast in one launch, or points that are looked up.
 
     Attributes
     ----------
@@ -69,13 +69,26 @@ class RayPiece(NamedTuple):
     is_coherent: bool = False
 
     @property
-    def ray_count(self) -> int:
+    def item_count(self) -> int:
         """Number of rays in the piece."""
         return self.end - self.begin if self.order is None else len(self.order)
 
-    def ray_ids(self) -> NDArray[np.int32]:
+    def item_ids(self) -> NDArray[np.int32]:
         """Return (n,) int32: the piece's rays, counted from `begin`."""
         return np.arange(self.end - self.begin, dtype=np.int32) if self.order is None else self.order
+
+    def only(self, order: NDArray[np.int32]) -> Piece:
+        """Return the piece with some of its rays alone, counted from `begin`."""
+        return Piece(self.begin, self.end, order)
+
+    def split(self, most_items: int) -> Iterator[Piece]:
+        """Yield parts with `most_items` rays at most."""
+        if self.item_count <= most_items:
+            yield self
+            return
+        order = self.item_ids()
+        for first in range(0, len(order), most_items):
+            yield self.only(order[first : first + most_items])
 
 
 def cut_rays(
@@ -89,7 +102,7 @@ def cut_rays(
     most_rays: int = 0,
     count_steps: StepCounter | None = None,
     progress: Progress | None = None,
-) -> Iterator[RayPiece]:
+) -> Iterator[Piece]:
     """Yield the pieces of a batch, one after the other.
 
     Parameters
@@ -142,9 +155,9 @@ def cut_rays(
         for first in range(begin, end, piece_rays):
             last = min(first + piece_rays, end)
             if order is not None:
-                yield RayPiece(begin, end, order[first - begin : last - begin], None, is_coherent)
+                yield Piece(begin, end, order[first - begin : last - begin], None, is_coherent)
             else:
-                yield RayPiece(first, last, None, row_length, is_coherent)
+                yield Piece(first, last, None, row_length, is_coherent)
             if progress is not None:
                 progress(last, ray_count)
 

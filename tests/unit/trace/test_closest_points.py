@@ -7,7 +7,7 @@ import trimesh
 from clbvh import ClosestPoints, ConfigError, Mesh, QueryError, Scene, Spheres, Tracer, build, make_shape
 from clbvh.geometry.smooth_normals import find_vertex_faces
 from clbvh.integrations.trimesh.nearest import choose_facing, find_nearest_vertices
-from clbvh.trace.points import queries
+from clbvh.trace.points import queries, search
 from clbvh.tree_layouts import TREE_LAYOUTS
 
 from ...rays import centred
@@ -48,7 +48,7 @@ def as_bytes(closest):
 def test_they_are_right_in_any_layout_and_in_any_rounds(open_tracer, scene, known, monkeypatch):
     answers = [open_tracer(scene, layout=layout).closest_points(known.points, K) for layout in TREE_LAYOUTS]
     known.check_points(answers[0], K)
-    monkeypatch.setattr(queries, "_MOST_SLOTS", 100)
+    monkeypatch.setattr(search, "MOST_SLOTS", 100)
     monkeypatch.setattr(queries, "_SPARE_SLOTS", 1)
     told = []
     tracer = open_tracer(scene)

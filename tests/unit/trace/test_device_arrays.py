@@ -98,7 +98,7 @@ def test_kernels_pack_and_refine_to_the_bits_of_the_host(kind, seed, monkeypatch
         batch, arrays = read_rays(*rays, *limits.values()), read_device_rays(*there, *limits.values())
         with device.open_call() as call:
             for piece in cut_batch(call, arrays):
-                packed, low = np.empty(piece.ray_count, PACKED_RAY), np.zeros(piece.ray_count, RAY_LOW)
+                packed, low = np.empty(piece.item_count, PACKED_RAY), np.zeros(piece.item_count, RAY_LOW)
                 pack_rays(batch, device.world.box, packed, first_ray=piece.begin, lows=low)
                 found, found_low, described = packed.copy(), low.copy(), put_rays(call, arrays, piece).arguments
                 call.session.download(described["rays"], found)

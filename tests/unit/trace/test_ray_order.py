@@ -184,7 +184,7 @@ def test_a_picture_is_cast_in_chunks_of_whole_tiles(wide, picture, expected, cas
     closest = cast[0]
     # A row of tiles may not fit: then it is one row of rays.
     assert {piece.row_length for piece in closest} == {None if chunk < 8 * WIDTH else WIDTH}
-    counts = [piece.ray_count for piece in closest]
+    counts = [piece.item_count for piece in closest]
     assert max(counts) <= chunk
     assert sum(counts) == len(picture[0])
     if chunk >= 8 * WIDTH:
@@ -197,10 +197,10 @@ def test_the_shape_of_a_picture_is_not_guessed_but_may_lie(wide, picture, expect
     rows = len(picture[0]) // WIDTH
     hits = wide.closest_hit(*(part[: rows * WIDTH].reshape(rows, WIDTH, 3) for part in picture))
     assert hits.t.tobytes() == expected[0][: hits.t.nbytes]
-    assert [(piece.ray_count, piece.row_length) for piece in cast[-1]] == [(rows * WIDTH, WIDTH)]
+    assert [(piece.item_count, piece.row_length) for piece in cast[-1]] == [(rows * WIDTH, WIDTH)]
     scattered = [part[np.random.default_rng(41).permutation(64 * 128)].reshape(64, 128, 3) for part in picture]
     wide.closest_hit(*scattered)
-    assert [(piece.ray_count, piece.row_length) for piece in cast[-1]] == [(64 * 128, None)]
+    assert [(piece.item_count, piece.row_length) for piece in cast[-1]] == [(64 * 128, None)]
 
 
 def test_shuffled_rays_have_entries_if_they_are_of_one_camera(wide, picture, expected, cast):
