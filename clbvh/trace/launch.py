@@ -182,8 +182,8 @@ class Caster(ContextManager):
             world.kernels[name] = self.kernel(name).with_first(world.arguments)
         return world.kernels[name]
 
-    def run_without_call(self, work: Callable[[], object]) -> None:
-        """Run the work of a query on the host that needs no memory of a call.
+    def run_without_call(self, work: Callable[[Any], object], items: Any) -> None:
+        """Run the work of a query with its items on the host, where it needs no memory of a call.
 
         Raises
         ------
@@ -192,7 +192,7 @@ class Caster(ContextManager):
         """
         self.calls.check_open()
         try:
-            work()
+            work(items)
         except InternalError:  # of a buffer that was given back
             self.calls.check_open()
             raise
@@ -245,7 +245,7 @@ def run_pieces(
     if few is None:
         caster.run(lambda call: deque(map(work, cut(call)), 0))
     elif count:
-        caster.run_without_call(lambda: work(few))
+        caster.run_without_call(work, few)
         if progress is not None:
             progress(count, count)
     else:
