@@ -61,7 +61,7 @@ from .scene.scene import Scene as Scene
 from .scene.state import SceneState as SceneState
 from .scene.transforms import Transform as Transform
 from .stats import TreeStats as TreeStats, measure_tree as measure_tree
-from .support.folders import __version__ as __version__
+from .support.version import __version__ as __version__
 from .trace.hits.device_hits import DeviceHits as DeviceHits
 from .trace.hits.hits import AllHits as AllHits, Hits as Hits
 from .trace.hits.normals import Normals as Normals

@@ -14,13 +14,14 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from ..bvh import Bvh
 from ..errors import ConfigError, TreeFileError
 from ..geometry import Shape
-from ..support.folders import __version__, find_cache
+from ..support.folders import find_cache
 from ..support.stopwatch import Stopwatch
+from ..support.version import __version__
 from .build import build_small_shapes, build_tree, choose_workers
 from .options import FAST_QUALITY, BuildOptions
 from .tree_options import TreeOptions
@@ -45,25 +46,43 @@ _RECIPE_DIGITS = 16
 
 @dataclass(frozen=True, eq=False)
 class BuildResult:
-    """A tree and its origin.
+    """Trees and their origin.
 
     Attributes
     ----------
-    bvh : Bvh
+    bvhs : tuple of Bvh
+        At least one.
     workers : int
-        Threads that built it; 0 for a tree from the cache or from a device.
+        Threads that built one, at most; 0 for trees from the cache or from a device.
     from_cache : bool
+        Whether all come from there.
     timings_ms : dict of str to float
         cache, build.
     notes : tuple of str
         Facts that a user should know but that are no errors: a damaged file in the cache, or a full disk.
     """
 
-    bvh: Bvh
+    bvhs: tuple[Bvh, ...]
     workers: int
     from_cache: bool
     timings_ms: dict[str, float]
     notes: tuple[str, ...] = ()
+
+    @property
+    def bvh(self) -> Bvh:
+        """The first tree."""
+        return self.bvhs[0]
+
+    @classmethod
+    def join(cls, results: Sequence[BuildResult]) -> Self:
+        """Return the trees of several results, one after the other."""
+        return cls(
+            tuple(bvh for each in results for bvh in each.bvhs),
+            max(each.workers for each in results),
+            all(each.from_cache for each in results),
+            {phase: sum(each.timings_ms[phase] for each in results) for phase in ("cache", "build")},
+            tuple(dict.fromkeys(note for each in results for note in each.notes)),
+        )
 
 
 def get_tree(shape: Shape, options: TreeOptions, device: DeviceInfo | str | int | None = None) -> BuildResult:
@@ -101,12 +120,12 @@ def get_tree(shape: Shape, options: TreeOptions, device: DeviceInfo | str | int 
             notes.append(keep_tree(path, bvh))
             watch.lap("cache")
     timings_ms = {phase: watch.laps_ms.get(phase, 0.0) for phase in ("cache", "build")}
-    return BuildResult(bvh, workers, from_cache, timings_ms, tuple(filter(None, notes)))
+    return BuildResult((bvh,), workers, from_cache, timings_ms, tuple(filter(None, notes)))
 
 
 def get_trees(
     shapes: Sequence[Shape], find_options: Callable[[Shape], TreeOptions], device: DeviceInfo | str | int | None = None
-) -> list[BuildResult]:
+) -> BuildResult:
     """Return the trees over shapes, as `get_tree` does with the options of each one.
 
     But those of many small shapes are in no cache: they are built in less time than files are opened.
@@ -116,12 +135,14 @@ def get_trees(
     small = build_small_shapes(shapes, shared.builder, lambda shape: find_options(shape).build, shared.workers)
     watch.lap("build")
     timings_ms = {"cache": 0.0, "build": watch.total_ms / max(1, len(small))}
-    return [
-        BuildResult(small[number], 1, False, timings_ms)
-        if number in small
-        else get_tree(shape, find_options(shape), device)
-        for number, shape in enumerate(shapes)
-    ]
+    return BuildResult.join(
+        [
+            BuildResult((small[number],), 1, False, timings_ms)
+            if number in small
+            else get_tree(shape, find_options(shape), device)
+            for number, shape in enumerate(shapes)
+        ]
+    )
 
 
 def find_tree_cache() -> Path:

@@ -48,7 +48,7 @@ def make_app() -> App:
 
 
 def _make_version() -> str:
-    from ..support.folders import __version__
+    from ..support.version import __version__
 
     return f"clbvh {__version__}"
 

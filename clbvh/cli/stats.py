@@ -102,10 +102,10 @@ def stats(
     made = get_trees(state.shapes if mesh is None else [mesh], lambda _: wanted, info)
     watch.lap("build")
     if validate:
-        for each in made:
-            validate_tree(each.bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_limit(wanted.builder, wanted.build))
+        for bvh in made.bvhs:
+            validate_tree(bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_limit(wanted.builder, wanted.build))
         watch.lap("validate")
-    trees, cost = [each.bvh for each in made], wanted.build.traversal_cost
+    trees, cost = made.bvhs, wanted.build.traversal_cost
     report: dict[str, Any]
     if mesh is None:
         report = {"scene": measure_scene(state, trees, traversal_cost=cost)}
@@ -128,7 +128,7 @@ def stats(
     report["build"] = {
         "builder": wanted.builder,
         **asdict(wanted.build),
-        "workers": max(each.workers for each in made),
+        "workers": made.workers,
         "device": (info or choose_device()).name if is_fast else None,
         "validated": validate,
         "timings_ms": add_total(watch.laps_ms, watch.total_ms),

@@ -7,24 +7,27 @@ and for colour-blind people.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..builders.build import build_shapes
+from ..builders.options import DEFAULT_QUALITY
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..device.open import open_device
 from ..errors import ConfigError
 from ..geometry import Mesh
 from ..scene.scene import Scene
+from ..scene.state import SceneState
 from ..trace.hits.closest import count_steps
 from ..trace.launch import Caster
 from ..trace.world.world import open_world
-from .built_scene import BuiltScene
 from .cameras.camera import Camera
+from .drawn_scene import DrawnScene
 from .image_files import GAP, GROUND, TEXT_ROWS, draw_text
-from .options import RenderOptions
 
 # Quantities that `clbvh render --heatmap` can show, and the title of their bar.
 QUANTITIES = {"nodes": "NODE STEPS", "triangles": "PRIMITIVE TESTS"}
@@ -52,27 +55,34 @@ def check_quantity(quantity: str) -> None:
 
 
 def open_counter(
-    source: Bvh | BuiltScene, device: DeviceInfo | str | int | None = None, layout: str = "bvh2"
+    source: Bvh | SceneState | DrawnScene, device: DeviceInfo | str | int | None = None, layout: str = "bvh2"
 ) -> Caster:
     """Return a caster for `count_steps`, to be closed; in the layout `bvh2`, counts are the same on all devices.
+
+    Trees of a scene that are not known are built.
 
     Raises
     ------
     DeviceError
         There is no such device, or the trees do not fit it.
     """
+    trees: Sequence[Bvh] = ()
     if isinstance(source, Bvh):
-        source = BuiltScene(Scene(source.mesh).snapshot(), RenderOptions(), source)
+        state, trees = Scene(source.mesh).snapshot(), (source,)
+    elif isinstance(source, DrawnScene):
+        state, trees = source.state, source.trees
+    else:
+        state = source
     session = open_device(device)
     try:
-        return Caster(session, open_world(session, source.state, source.trees or None, layout))
+        return Caster(session, open_world(session, state, trees or build_shapes(state.shapes, DEFAULT_QUALITY), layout))
     except BaseException:
         session.close()
         raise
 
 
 def count_picture(
-    source: Bvh | BuiltScene, camera: Camera, width: int, height: int, device: DeviceInfo | None = None
+    source: Bvh | DrawnScene, camera: Camera, width: int, height: int, device: DeviceInfo | None = None
 ) -> NDArray[np.void]:
     """Return (height, width) `structs.STEPS` of the rays of a picture; see `count_steps`."""
     with open_counter(source, device) as caster:
@@ -80,7 +90,7 @@ def count_picture(
 
 
 def draw_heat_map_of(
-    source: Bvh | BuiltScene, camera: Camera, width: int, height: int, quantity: str, device: DeviceInfo | None = None
+    source: Bvh | DrawnScene, camera: Camera, width: int, height: int, quantity: str, device: DeviceInfo | None = None
 ) -> NDArray[np.uint8]:
     """Return the heat map of a picture of this size, of a mesh or of several objects; see `draw_heat_map`."""
     check_quantity(quantity)

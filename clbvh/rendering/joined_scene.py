@@ -12,6 +12,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ..builders.build import plan_trees
+from ..builders.options import DEFAULT_QUALITY
+from ..device.session import DeviceSession
 from ..geometry import Mesh
 from ..geometry.appearance.appearance import Appearance, make_unchecked
 from ..geometry.appearance.material import Material
@@ -20,11 +23,12 @@ from ..geometry.loading.file_parts import FileNode, FileParts, join_nodes
 from ..scene.scene import Scene
 from ..structs import HIT, NO_PRIM, WORLD_HIT
 from ..support.forks import make_lock
+from ..trace.launch import Caster
 from ..trace.world.trees import BRUTE
-from .built_scene import BuiltScene
+from ..trace.world.world import open_world
+from .drawn_scene import DrawnScene
 from .look_tables import find_all_corner_normals, has_whole_colours
-from .options import RenderOptions
-from .painters import FrameRenderer, Painters
+from .painters import Painters
 from .view import View
 
 # Of a joined mesh: its tree is built anew where instances move, in less than a second.
@@ -40,10 +44,10 @@ class JoinedScene:
 
     Attributes
     ----------
-    built : BuiltScene
+    caster : Caster
+        At the mesh, on the device of the scene.
+    scene : DrawnScene
         Of the mesh.
-    frames : FrameRenderer
-        On the device of the scene.
     painters : Painters
     first_prims : (n,) int64
         The first triangle of each instance.
@@ -51,26 +55,24 @@ class JoinedScene:
         Local units of the scene's hits in one of the mesh.
     """
 
-    built: BuiltScene
-    frames: FrameRenderer
+    caster: Caster
+    scene: DrawnScene
     painters: Painters
     first_prims: NDArray[np.int64]
     scale: float
 
     @classmethod
-    def make(cls, scene: BuiltScene, frames: FrameRenderer, view: View, options: RenderOptions) -> Self:
+    def make(cls, session: DeviceSession, caster: Caster, scene: DrawnScene, view: View) -> Self:
         """Join the instances of a scene, and put the mesh on its device."""
-        built = BuiltScene(Scene(join_instances(scene, view)).snapshot(), options)
-        session = frames.caster.session
-        world = built.put(session)
+        layout = caster.world.layout
+        state = Scene(join_instances(scene, view)).snapshot()
+        world = open_world(session, state, plan_trees(state.shapes, DEFAULT_QUALITY), layout)
+        joined = DrawnScene.of_world(world)
         counts = [scene.state.shapes[geometry].prim_count for geometry in scene.state.geometry_ids]
         return cls(
-            built,
-            frames.at(world),
-            Painters(session, world, built),
-            np.cumsum([0, *counts[:-1]]),
-            float(scene.space.scale / built.space.scale),
-        )
+            caster.at(world), joined, Painters(session, world, joined), np.cumsum([0, *counts[:-1]]),
+            float(scene.space.scale / joined.space.scale),
+        )  # fmt: skip
 
     def as_world_hits(self, found: NDArray[np.void]) -> NDArray[np.void]:
         """Return hits of the mesh, `structs.HIT`, as those of the scene, `structs.WORLD_HIT`."""
@@ -91,30 +93,33 @@ class JoinedScenes:
 
     Parameters
     ----------
-    scene : BuiltScene
-    frames : FrameRenderer
-    options : RenderOptions
+    session : DeviceSession
+        Owns the buffers of the mesh.
+    caster : Caster
+        At the scene, on the same device.
+    scene : DrawnScene
     """
 
-    def __init__(self, scene: BuiltScene, frames: FrameRenderer, options: RenderOptions) -> None:
-        self._scene, self._frames, self._options = scene, frames, options
+    def __init__(self, session: DeviceSession, caster: Caster, scene: DrawnScene) -> None:
+        self._session, self._caster, self._scene = session, caster, scene
         self._lock = make_lock()
         self._known: tuple[Any, JoinedScene | None] = ((), None)
 
     def find(self, view: View) -> JoinedScene | None:
         """Return the joined scene of a view; None where the instances stay as they are."""
-        if view.shading != "path" or self._scene.top is None or self._options.builder == BRUTE:
+        if view.shading != "path" or self._scene.top is None or self._caster.world.layout == BRUTE:
             return None
         with self._lock:
             key = view.smooth, view.surface  # what the looks of a mesh depend on
             if self._known[0] != key:
-                is_joined = can_join(self._scene)
-                made = JoinedScene.make(self._scene, self._frames, view, self._options) if is_joined else None
-                self._known = key, made
+                self._known = key, self._join(view) if can_join(self._scene) else None
             return self._known[1]
 
+    def _join(self, view: View) -> JoinedScene:
+        return JoinedScene.make(self._session, self._caster, self._scene, view)
 
-def can_join(scene: BuiltScene) -> bool:
+
+def can_join(scene: DrawnScene) -> bool:
     """Return whether one mesh shows what the instances of a scene show."""
     state = scene.state
     placed = [state.shapes[geometry] for geometry in np.unique(state.geometry_ids)]
@@ -129,7 +134,7 @@ def can_join(scene: BuiltScene) -> bool:
     return bool(is_fine and (np.linalg.det(state.transforms[:, :3, :3]) > 0).all())
 
 
-def join_instances(scene: BuiltScene, view: View) -> Mesh:
+def join_instances(scene: DrawnScene, view: View) -> Mesh:
     """Return the triangles of all instances as one mesh, one instance after the other, in the scene's coordinates."""
     shapes, shape_ids, colours = scene.looks
     # Where one mesh is smooth, all have normals at their corners.

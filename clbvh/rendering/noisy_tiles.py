@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..structs import SETTLING_SAMPLES
-from .band import Band
+from .frame import Band
 
 
 class NoisyTiles:

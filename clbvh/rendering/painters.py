@@ -1,7 +1,6 @@
-"""Pictures of one tree or scene on the device, band by band, so that only the host's memory bounds their size.
+"""The painters of pictures: each fills a band, by one ray through each pixel's centre or by samples on a film.
 
-A painter fills a band: by one ray through the centre of each pixel, or by samples that are added up on a film. Each
-shading is compiled, and surfaces get their looks, when a picture first asks for them.
+Each shading is compiled, and surfaces get their looks, when a picture first asks for them.
 """
 
 from __future__ import annotations
@@ -20,185 +19,16 @@ from ..choices import REPORT_SHADINGS, SHADINGS
 from ..device.info import DeviceInfo
 from ..device.open import open_device
 from ..device.session import DeviceSession
-from ..device.times import CommandTimes
-from ..errors import SceneError
-from ..structs import VIEW
 from ..support.forks import make_lock
 from ..support.host_threads import side_by_side
-from ..support.memory import check_memory
-from ..trace.launch import Call, Caster
 from ..trace.world.starts import AT_THE_ROOT, VIEW_KERNEL, find_entry_points
 from ..trace.world.world import World
-from .band import Band
-from .built_scene import BuiltScene
+from .drawn_scene import DrawnScene
+from .frame import BORDER, DEVELOP, FILM_BYTES, Band
 from .look_tables import LightTables, find_lights, has_cutouts, has_normal_maps, make_light_tables, make_look_tables
 from .noisy_tiles import ALL_ALIKE, NoisyTiles
+from .progress import Progress
 from .view import View
-
-# Pixels per band: 320 MiB of colours and hits on the device. A 4K picture is one band, unless its painter needs more
-# than 512 MiB for that.
-BAND_PIXELS = 2**24
-_PAINTER_BYTES = 2**29
-
-# Time of one launch, by default: a picture can be stopped between launches.
-LAUNCH_S = 0.25
-
-# Rows of the first band where launches are to be short, and the most by which the next band is larger.
-_FIRST_ROWS, _MOST_GROWTH = 32, 4
-
-# Columns and rows that painters may have beside those of a band.
-_BORDER = 2
-
-_CHANNELS = 4
-
-# Of the host: the channels, and once more without the fourth.
-_COLOUR_BYTES = 2 * _CHANNELS - 1
-
-
-RowProgress = Callable[[float, int], object]
-
-
-class FrameRenderer:
-    """Renders pictures of one tree or scene, from any number of threads.
-
-    The memory of a picture on the device is kept for the next one.
-
-    Parameters
-    ----------
-    session : DeviceSession
-        Closed with the renderer.
-    world : World
-        In the same session.
-
-    Attributes
-    ----------
-    caster : Caster
-        Its calls are the pictures that are being rendered.
-    """
-
-    def __init__(self, session: DeviceSession, world: World) -> None:
-        self.caster = Caster(session, world, "renderer")
-
-    def at(self, world: World) -> FrameRenderer:
-        """Return a renderer of another world, which shares all else with this one."""
-        moved = copy(self)
-        moved.caster = self.caster.at(world)
-        return moved
-
-    def render(
-        self,
-        view: NDArray[np.void],
-        painter: OneRayPainter | SamplePainter,
-        times: CommandTimes | None = None,
-        on_rows: RowProgress | None = None,
-        launch_s: float = LAUNCH_S,
-    ) -> tuple[NDArray[np.uint8], NDArray[np.void]]:
-        """Return the colours and the hits of one view.
-
-        Parameters
-        ----------
-        view : (1,) `structs.VIEW`
-        painter : OneRayPainter or SamplePainter
-        times : CommandTimes, optional
-            Collects the times of this picture's commands, instead of the session's.
-        on_rows : function, optional
-            Called with the number of rows that are done, or parts of them, and of all rows.
-        launch_s : float
-            Where below the usual, rows of a band are chosen so that a launch takes about this time.
-
-        Returns
-        -------
-        colours : (height, width, 4) uint8
-            Red, green, blue, and 255 where something is hit.
-        hits : (height, width) `structs.HIT` or `structs.WORLD_HIT`
-
-        Raises
-        ------
-        QueryError
-            The tree is no longer on the device.
-        DeviceError
-            The device fails, or this process was forked from one that has used OpenCL.
-        """
-        width, height = int(view["width"][0]), int(view["height"][0])
-        hit_dtype = self.caster.world.hit_dtype
-        check_memory(
-            f"a picture of {width} x {height}", width * height * (_COLOUR_BYTES + hit_dtype.itemsize), SceneError
-        )
-        colours, hits = np.empty((height, width, _CHANNELS), np.uint8), np.empty((height, width), hit_dtype)
-
-        def paint(call: Call) -> None:
-            session = call.session
-            row_bytes = max(1, painter.pixel_bytes) * (width + _BORDER)
-            fitting = session.fit_items(row_bytes, _PAINTER_BYTES // row_bytes) - _BORDER
-            fitting = min(height, session.fit_items(hit_dtype.itemsize, BAND_PIXELS) // width, fitting)
-            shared_times, session.times = session.times, times or session.times
-            try:
-                # Other programs take memory of the device, too: then bands are halved.
-                most = max(1, fitting >> call.caster.calls.halvings)
-                _render_bands(call, view, painter, most, colours, hits, on_rows, launch_s)
-            finally:
-                session.times = shared_times
-
-        self.caster.run(paint)
-        return colours, hits
-
-    def develop(self, view: NDArray[np.void], film: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Return the colours of a film, (height, width, 4) uint8; see cl/kernels/develop.cl.
-
-        Parameters
-        ----------
-        view : (1,) `structs.VIEW`
-        film : (height, width, 4) float32
-            Means of samples.
-        """
-        height, width = film.shape[:2]
-        colours = np.empty((height, width, _CHANNELS), np.uint8)
-        with self.caster.open_call() as call:
-            session = call.session
-            kernel = session.kernel(_DEVELOP)
-            band_rows = min(height, max(1, session.fit_items(_FILM_BYTES, BAND_PIXELS) // width))
-            sizes = {
-                "view": VIEW.itemsize,
-                "film": band_rows * width * _FILM_BYTES,
-                "colours": band_rows * width * _CHANNELS,
-            }
-            buffers = {name: call.memory.buffer(name, for_mapping=False).take(size) for name, size in sizes.items()}
-            session.write(buffers["view"], view)
-            for first_row in range(0, height, band_rows):
-                rows = film[first_row : first_row + band_rows]
-                session.write(buffers["film"], rows)
-                counts = {"row_count": np.int32(len(rows)), "sample_count": np.int32(1), "counts": None}
-                session.run(kernel, (width, len(rows)), session.settings.tile, **buffers, **counts)
-                session.download(buffers["colours"], colours[first_row : first_row + band_rows])
-        return colours
-
-
-def _render_bands(
-    call: Call, view: NDArray[np.void], painter: Any, band_rows: int, colours: NDArray[Any], hits: NDArray[Any],
-    on_rows: RowProgress | None, launch_s: float,
-) -> None:  # fmt: skip
-    """Fill the colours and the hits, at most this many rows at a time."""
-    session, memory, (height, width) = call.session, call.memory, hits.shape
-    sizes = {"view": VIEW.itemsize, "colours": band_rows * width * _CHANNELS, "hits": band_rows * width * hits.itemsize}
-    buffers = {name: memory.buffer(name, for_mapping=False).take(size) for name, size in sizes.items()}
-    session.write(buffers["view"], view)
-    first_row, row_count = 0, band_rows if launch_s >= LAUNCH_S else min(_FIRST_ROWS, band_rows)
-    while first_row < height:
-        end = min(first_row + row_count, height)
-
-        def report(share: float, first_row: int = first_row, end: int = end) -> None:
-            if on_rows is not None:
-                on_rows(first_row + (end - first_row) * share, height)
-
-        spent_s = painter.paint(Band(memory, width, height, first_row, end - first_row, report, **buffers))
-        session.download(buffers["colours"], colours[first_row:end])
-        session.download(buffers["hits"], hits[first_row:end])
-        first_row = end
-        if launch_s < LAUNCH_S:
-            tile_rows = session.settings.tile[1]
-            fitting = int(min(launch_s / max(spent_s, 1e-9), _MOST_GROWTH) * row_count) // tile_rows * tile_rows
-            row_count = min(max(tile_rows, fitting), band_rows)
-
 
 # Macros of kernels for views without a cut and without lines.
 NO_PARTS = {"HAS_CUT": 0, "HAS_WIREFRAME": 0}
@@ -272,11 +102,6 @@ class OneRayPainter:
         return time.perf_counter() - begin
 
 
-# The kernel that makes colours of the film; it knows no tree.
-_DEVELOP = "develop"
-
-_FILM_BYTES = 16  # four channels of float32
-
 # A launch takes a multiple of it, but for the last one: the samples of a pair share work, see cl/film/studio.cl.
 _LEAST_SAMPLES = 2
 
@@ -290,45 +115,6 @@ _FILTER_RADIUS = 1.0
 _NO_LIGHTS: dict[str, Any] = dict.fromkeys(
     ("lights", "light_choices", "environment", "environment_rows", "environment_columns", "settled")
 )
-
-
-@dataclass
-class Progress:
-    """How far a picture is, and whether it is to be stopped.
-
-    Attributes
-    ----------
-    samples : int
-        Of each pixel, to be taken.
-    time_limit_s : float
-        No further samples are begun after it; each pixel gets one at least. Bands share it by their rows.
-    is_stopped : function
-        Asked after each launch; if it returns True, no further samples are taken.
-    of_bands : dict of int to int
-        Samples of each pixel that were taken, in the mean, by the first row of the band.
-    film : (height, width, 4) float32, or None
-        Is filled with the means of the samples: linear red, green and blue, and the share that is covered.
-    is_apart : bool
-        Whether the pixels of ``"path"`` share no samples, so that the noise of each is its own; see `denoise`.
-    noise : float
-        Tiles of ``"path"`` with less noise than this get no more samples; 0: all get the same. See `View.noise`.
-    launch_s : float
-        Time of one launch, at about which the next number of samples is chosen.
-    """
-
-    samples: int
-    time_limit_s: float = np.inf
-    is_stopped: Callable[[], bool] = lambda: False
-    of_bands: dict[int, int] = field(default_factory=dict)
-    film: NDArray[np.float32] | None = None
-    is_apart: bool = False
-    noise: float = 0.0
-    launch_s: float = LAUNCH_S
-
-    @property
-    def taken(self) -> int:
-        """Samples of each pixel that were taken, in the mean; of several bands, those of the band with the fewest."""
-        return min(self.of_bands.values(), default=1)
 
 
 class _SampleShading:
@@ -356,7 +142,7 @@ class _SampleShading:
         self.arguments = world.arguments | _NO_LIGHTS
         defines = {**world.defines, "SHADING": SHADINGS[shading], **parts}
         self.kernel = session.kernel("render_samples", defines)
-        self.develop = session.kernel(_DEVELOP)
+        self.develop = session.kernel(DEVELOP)
         self.add_samples = session.kernel("add_samples") if shading == "path" else None
         self.entry_points = _ViewEntryPoints(session, world, self.tile, _FILTER_RADIUS)
 
@@ -383,12 +169,12 @@ class SamplePainter:
     @property
     def pixel_bytes(self) -> int:
         """Bytes of the largest buffer for each pixel, beside those of the band."""
-        return _FILM_BYTES * (_LEAST_SAMPLES if self.shading.add_samples else 1)
+        return FILM_BYTES * (_LEAST_SAMPLES if self.shading.add_samples else 1)
 
     def paint(self, band: Band) -> float:
         """Fill the colours and the hits of a band; return the seconds of the first launch."""
         shading, progress = self.shading, self.progress
-        film = band.take("film", band.width * band.row_count * _FILM_BYTES)
+        film = band.take("film", band.width * band.row_count * FILM_BYTES)
         sample = self._sample_cells if shading.add_samples else self._sample_pixels
         taken, launch_s, tiles = sample(band, film)
         band.run(
@@ -416,8 +202,8 @@ class SamplePainter:
     def _sample_cells(self, band: Band, film: Any) -> tuple[int, float, NoisyTiles | None]:
         """Add samples of cells to the film; return as `_take_samples`, and the tiles, if noise decides."""
         shading, progress = self.shading, self.progress
-        cells = band.width + _BORDER, band.row_count + _BORDER
-        sample_bytes = cells[0] * cells[1] * _FILM_BYTES
+        cells = band.width + BORDER, band.row_count + BORDER
+        sample_bytes = cells[0] * cells[1] * FILM_BYTES
         most = min(progress.samples, max(_LEAST_SAMPLES, _WAITING_BYTES // sample_bytes))
         samples = band.take("samples", most * sample_bytes)
         tiles = NoisyTiles(band, cells, shading.tile, progress.noise) if progress.noise else None
@@ -467,7 +253,7 @@ def open_session(device: DeviceInfo | str | int | None, shading: str) -> DeviceS
     """Open a device, and load the kernel that depends on no tree, where the painter of a shading has one."""
     session = open_device(device)
     if shading not in REPORT_SHADINGS:
-        session.kernel(_DEVELOP)
+        session.kernel(DEVELOP)
     return session
 
 
@@ -479,19 +265,22 @@ class Painters:
     session : DeviceSession
         Owns the tables on the device.
     world : World
-    scene : BuiltScene
+    scene : DrawnScene
     """
 
-    def __init__(self, session: DeviceSession, world: World, scene: BuiltScene) -> None:
+    def __init__(self, session: DeviceSession, world: World, scene: DrawnScene) -> None:
         self._session, self._world, self._scene = session, world, scene
         self._lock = make_lock()
         self._known: dict[Any, Any] = {}
         self._tables: dict[Any, Any] = {}  # that no transform changes
+        self._environments: dict[Any, Any] = {}
 
-    def at(self, world: World, scene: BuiltScene) -> Painters:
-        """Return the painters of a scene with other transforms; the tables that do not depend on them are shared."""
+    def at(self, world: World, scene: DrawnScene) -> Painters:
+        """Return the painters of a scene that has moved; the tables that do not depend on that are shared."""
         moved = copy(self)
         moved._world, moved._scene, moved._known = world, scene, {}
+        if scene.state.shapes is not self._scene.state.shapes:
+            moved._tables = {}
         return moved
 
     def painter(self, view: View, described: NDArray[np.void], progress: Progress) -> OneRayPainter | SamplePainter:
@@ -557,7 +346,7 @@ class Painters:
             tables = make_environment_tables(view.environment.pixels)  # type: ignore[union-attr]
             return tables, self._upload(tables.arrays)
 
-        tables, buffers = _keep(self._tables, view.environment, make)
+        tables, buffers = _keep(self._environments, view.environment, make)
         tables.describe(described, view)
         return buffers
 

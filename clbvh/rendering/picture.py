@@ -23,9 +23,9 @@ from ..trace.hits.hits import Hits
 from ..trace.hits.refine import RefinedHits, refine_closest
 from ..trace.hits.surface import Surface
 from ..trace.rays.batch import read_rays
-from .built_scene import BuiltScene
 from .cameras.camera import Camera
 from .cut import Cut
+from .drawn_scene import DrawnScene
 from .image_files import encode_picture, write_picture
 
 
@@ -46,7 +46,7 @@ class Picture:
         The device's hits through the centres of the pixels, in float32; t in local units.
     camera : Camera
         The camera of the picture.
-    scene : BuiltScene
+    scene : DrawnScene
         What the picture shows; for the package itself.
     device : DeviceInfo
     layout : str
@@ -92,7 +92,7 @@ class Picture:
     samples: int
     found: NDArray[np.void]
     camera: Camera
-    scene: BuiltScene
+    scene: DrawnScene
     device: DeviceInfo
     layout: str
     workers: int

@@ -18,30 +18,31 @@ from numpy.typing import ArrayLike, NDArray
 from ..bvh import Bvh
 from ..choices import DEFAULT_CHANNELS, LIT_SHADINGS, REPORT_SHADINGS, STANDARD_VIEWS
 from ..device.info import DeviceInfo
+from ..device.session import DeviceSession
 from ..device.times import CommandTimes
 from ..errors import ConfigError, QueryError, SceneError
 from ..geometry import Mesh
 from ..scene.handles import Instances, shorten
-from ..scene.scene import Scene
 from ..structs import VIEW
 from ..support.context_manager import ContextManager
 from ..support.forks import make_lock
 from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
-from ..support.opened import digest_of, open_once
 from ..support.stopwatch import Stopwatch, add_total
-from ..trace.hits.closest import find_closest_hits
 from ..trace.hits.hits import Hits
-from ..trace.rays.batch import read_rays
-from .built_scene import BuiltScene
+from ..trace.launch import Caster
+from ..trace.tracer import Opening, Plans, Tracer
 from .cameras.camera import Camera
 from .cameras.projection import Fisheye
+from .drawn_scene import DrawnScene
+from .frame import develop_film, render_frame
 from .joined_scene import JoinedScene, JoinedScenes
 from .kernel_view import is_lit_as_studio, make_kernel_view
 from .open_scene import SceneLike, as_scene
 from .options import RenderOptions
-from .painters import LAUNCH_S, FrameRenderer, Painters, Progress, open_session
+from .painters import Painters, open_session
 from .picture import Picture, refine_pixels
+from .progress import LAUNCH_S, Progress
 from .view import MAX_SAMPLES, View
 from .view_finder import ViewFinder
 
@@ -52,19 +53,22 @@ if TYPE_CHECKING:
 _FILM_BYTES = 16
 
 
-class _Shown(NamedTuple):
-    """What a renderer shows: a picture reads it once, because a move replaces it."""
+class _Drawn(NamedTuple):
+    """What a renderer draws: a picture reads it once, because a move replaces it."""
 
-    built: BuiltScene
+    caster: Caster
+    scene: DrawnScene
     finder: ViewFinder
-    frames: FrameRenderer
     painters: Painters
     joined: JoinedScenes
 
     @classmethod
-    def make(cls, built: BuiltScene, frames: FrameRenderer, painters: Painters, options: RenderOptions) -> Self:
-        """Complete what the scene, the device and its painters decide."""
-        return cls(built, ViewFinder(built.bounds), frames, painters, JoinedScenes(built, frames, options))
+    def of_tracer(cls, tracer: Tracer, session: DeviceSession, before: _Drawn | None = None) -> Self:
+        """Return what a tracer is at; `session` owns what its pictures need beside the world."""
+        caster = tracer._caster
+        scene = DrawnScene.of_world(caster.world, tracer._opening)
+        painters = before.painters.at(caster.world, scene) if before else Painters(session, caster.world, scene)
+        return cls(caster, scene, ViewFinder(scene.bounds), painters, JoinedScenes(session, caster, scene))
 
 
 class Renderer(ContextManager):
@@ -74,16 +78,20 @@ class Renderer(ContextManager):
     device. Any number of threads may use one renderer, and so may forked children on the host. On a device of
     OpenCL they cannot: their pictures raise `DeviceError`, and closing the renderer there changes nothing.
 
-    Renderers pickle as what they were opened from, and open again where they arrive, once in each process.
+    Pictures are cast at the world of a tracer. A renderer of a `Tracer` shares its trees, and shows it as it is now:
+    what moves there moves in later pictures. Any other source gets a tracer of its own, which is `tracer`.
+
+    Renderers pickle as their tracers do, which open again where they arrive, once in each process.
 
     Parameters
     ----------
-    source : Scene, str, path, Bvh, Spheres, Mesh, (vertices, faces), or an object of trimesh, pyvista, Open3D, meshio
-        A scene, as it is now; the path or name of one, or the path of a mesh file; a finished tree, which is not built
-        again; or a mesh.
+    source : Tracer, Scene, str, path, Bvh, Spheres, Mesh, (vertices, faces), or an object of trimesh, pyvista, ...
+        An open tracer; a scene, as it is now; the path or name of one, or the path of a mesh file; a finished tree,
+        which is not built again; or a mesh, see `clbvh.MeshLike`.
     view : View, optional
         The settings of pictures that ask for no others. By default those of the scene file, or those of `View()`.
     options : RenderOptions, optional
+        Of a tracer only `validate`: it has a device, a layout and trees.
     on_phase : function, optional
         Called with the name of each phase as it begins.
     **changes
@@ -100,6 +108,8 @@ class Renderer(ContextManager):
 
     Attributes
     ----------
+    tracer : Tracer
+        Casts rays at what the pictures show.
     scene : Scene
     view : View
     timings : dict of str to float
@@ -129,9 +139,12 @@ class Renderer(ContextManager):
     array([-1,  0,  1], dtype=int32)
     """
 
+    _is_closed = False
+    _drawn: _Drawn
+
     def __init__(
         self,
-        source: SceneLike | list[str],
+        source: Tracer | SceneLike | list[str],
         view: View | None = None,
         options: RenderOptions | None = None,
         *,
@@ -141,48 +154,36 @@ class Renderer(ContextManager):
         _check_type("view", view, View)
         _check_type("options", options, RenderOptions)
         self._options = options or RenderOptions()
-        enter = on_phase or _ignore
-        watch = Stopwatch()
-
-        def make_world() -> BuiltScene:
-            """Open the source, and build its trees on the host."""
-            enter("load")
-            self.scene, own_view = as_scene(source)
-            self.view = (own_view if view is None else view).changed(**changes)
-            state = self.scene.snapshot()
-            watch.lap("load")
-            enter("build")
-            built = BuiltScene(state, self._options, source if isinstance(source, Bvh) else None)
-            _ = built.bounds  # read while the device opens
-            watch.lap("build")
-            enter("open the device")
-            return built
-
+        enter, watch = on_phase or _ignore, Stopwatch()
+        # A wrong setting is found before any work.
+        guessed = (view or View()).changed(**changes)
         # Closed if a step fails, and not at the end of this block.
         with ExitStack() as on_failure:
-            # A wrong setting is found before any work.
-            guessed = (view or View()).changed(**changes)
-            # Side by side: a driver starts, and loads what it has compiled, without Python's lock.
-            opening = partial(open_session, self._options.device, guessed.shading)
-            built, session = side_by_side(make_world, opening)
-            on_failure.push(session)
-            watch.lap("open")
-            world = built.put(session)
-            frames, painters = FrameRenderer(session, world), Painters(session, world, built)
-            self._shown = _Shown.make(built, frames, painters, self._options)
-            self._moving = make_lock()
+            self._owns_tracer = not isinstance(source, Tracer)
+            if isinstance(source, Tracer):
+                if replace(self._options, validate=False) != RenderOptions():
+                    raise ConfigError("a tracer has its device, its layout and its trees: give a renderer none of them")
+                self.tracer, own_view = source, View()
+            else:
+                self.tracer, own_view = self._open_tracer(source, guessed.shading, enter, watch)
+                on_failure.push(self.tracer)
+            self.scene = self.tracer._opening.scene
+            self.view = (own_view if view is None else view).changed(**changes)
+            self._lock = make_lock()
+            self._session = self.tracer._caster.session.branch()
+            self._drawn = _Drawn.of_tracer(self.tracer, self._session)
             # What is uploaded later belongs to the phase in which it is.
-            upload_ms = session.times.sums_ms()["upload"]
+            upload_ms = self.tracer.timings_ms["upload"] if self._owns_tracer else 0.0
             watch.lap("layout")
             # So that the first picture takes no longer than the others.
-            joined = self._shown.joined.find(self._shown.finder.complete(self.view))
-            (joined or self._shown).painters.painter(self.view, np.zeros(1, VIEW), Progress(1))
+            joined = self._drawn.joined.find(self._drawn.finder.complete(self.view))
+            (joined or self._drawn).painters.painter(self.view, np.zeros(1, VIEW), Progress(1))
             watch.lap("compile")
-            laps_ms, made = watch.laps_ms, built.made
+            laps_ms, built = watch.laps_ms, self.tracer._opening.built
             phases_ms = {
-                "load": laps_ms["load"],
-                **(dict.fromkeys(("cache", "build"), 0.0) if made is None else made.timings_ms),
-                "open": laps_ms["open"],
+                "load": laps_ms.get("load", 0.0),
+                **(dict.fromkeys(("cache", "build"), 0.0) if built is None else built.timings_ms),
+                "open": laps_ms.get("open", 0.0),
                 # The tree is uploaded as it is arranged; the upload has a row of its own.
                 "layout": max(laps_ms["layout"] - upload_ms, 0.0),
                 "compile": laps_ms["compile"],
@@ -192,8 +193,31 @@ class Renderer(ContextManager):
             self.timings = add_total(phases_ms, watch.total_ms)
             if self._options.validate:
                 enter("validate")
-                built.validate()
+                self._validate(self._drawn.scene)
             on_failure.pop_all()
+
+    def _open_tracer(
+        self, source: SceneLike | list[str], shading: str, enter: Callable[[str], None], watch: Stopwatch
+    ) -> tuple[Tracer, View]:
+        """Return a tracer of a source, and the view that comes with it."""
+        options = self._options
+
+        def plan_world() -> tuple[View, Opening, Plans]:
+            """Open the source, and build its trees on the host."""
+            enter("load")
+            scene, view = as_scene(source)
+            watch.lap("load")
+            enter("build")
+            tree = source if isinstance(source, Bvh) else None
+            opening, plans = Opening.plan(scene, tree, options.device, options.chosen_layout, options)
+            watch.lap("build")
+            enter("open the device")
+            return view, opening, plans
+
+        # Side by side: a driver starts, and loads what it has compiled, without Python's lock.
+        (view, opening, plans), session = side_by_side(plan_world, partial(open_session, options.device, shading))
+        watch.lap("open")
+        return Tracer._opened(opening, plans, session), view
 
     def render(
         self,
@@ -257,11 +281,11 @@ class Renderer(ContextManager):
         watch, enter = Stopwatch(), on_phase or _ignore
         enter("render")
         given = self._find_view(view, changes)
-        shown = self._shown
-        built, finder = shown.built, shown.finder
+        drawn = self._look()
+        scene, finder = drawn.scene, drawn.finder
         view = finder.complete(given)
         camera = finder.camera(view)
-        is_studio_lit = is_lit_as_studio(view, camera, finder.bounds(view)) and not built.has_lamps
+        is_studio_lit = is_lit_as_studio(view, camera, finder.bounds(view)) and not scene.has_lamps
         if is_studio_lit:
             # A ground would hide what is behind a transparent picture.
             has_ground = not view.transparent if view.ground is None else view.ground
@@ -272,7 +296,9 @@ class Renderer(ContextManager):
         has_end = time_limit_s is None or view.samples is not None
         limit_s = np.inf if time_limit_s is None else float(time_limit_s)
         count = view.sample_count if has_end else MAX_SAMPLES
-        progress, pixel_samples = Progress(count, limit_s, is_stopped or bool, launch_s=launch_s), view.width * count
+        progress = Progress(
+            count, limit_s, is_stopped or bool, launch_s=launch_s, on_samples=on_samples or _ignore, noise=view.noise
+        )
         is_denoised = view.denoise and view.shading in LIT_SHADINGS
         if is_denoised:
             # Few pictures need these.
@@ -280,34 +306,29 @@ class Renderer(ContextManager):
             from .denoise import import_denoiser
 
             import_denoiser()
-        progress.is_apart, progress.noise = is_denoised, view.noise
+        progress.is_apart = is_denoised
         if (keeps_film or is_denoised) and view.shading not in REPORT_SHADINGS:
             check_memory("the film of the picture", view.width * view.height * _FILM_BYTES, SceneError)
             progress.film = np.empty((view.height, view.width, 4), np.float32)
         times = CommandTimes()
-        joined = shown.joined.find(view)
-        traced = joined or shown
-        frames, space, ground = traced.frames, traced.built.space, finder.ground(view, camera)
-        boxes = built.bounds.box_in(space), ground, finder.bounds(view).box_in(space)
+        joined = drawn.joined.find(view)
+        traced = joined or drawn
+        space, ground = traced.scene.space, finder.ground(view, camera)
+        boxes = scene.bounds.box_in(space), ground, finder.bounds(view).box_in(space)
         described = make_kernel_view(view, camera, space, *boxes, is_studio_lit)
         painter = traced.painters.painter(view, described, progress)
-
-        def show(rows: float, height: int) -> None:
-            if on_samples is not None:
-                on_samples(round(rows * pixel_samples), height * pixel_samples)
-
-        colours, found = frames.render(described, painter, times, show, launch_s)
+        colours, found = render_frame(traced.caster, described, painter, progress, times)
         if joined is not None:
             found = joined.as_world_hits(found)
         if is_denoised:
             assert progress.film is not None
-            hits = refine_pixels(built.surface, camera, found)
-            normals = find_shading_normals(hits, built.state.shapes, view.smooth)
+            hits = refine_pixels(scene.surface, camera, found)
+            normals = find_shading_normals(hits, scene.state.shapes, view.smooth)
             colours = self._denoise(progress.film, normals, view, described, traced)
         rgb = np.empty((*found.shape, 3), np.uint8)
         for channel in range(3):  # 14 times as fast as colours[..., :3].copy()
             rgb[..., channel] = colours[..., channel]
-        own_ms, made = times.sums_ms(), built.made
+        own_ms, built = times.sums_ms(), self.tracer._opening.built if scene.trees else None
         picture = Picture(
             rgb=rgb,
             alpha=colours[..., 3].copy(),
@@ -317,13 +338,13 @@ class Renderer(ContextManager):
             cut=view.cut,
             found=found,
             camera=camera,
-            scene=built,
+            scene=scene,
             device=self.device,
             layout=self.layout,
-            workers=made.workers if made is not None else int(not built.trees),
+            workers=0 if built is None else built.workers,
             timings=add_total({phase: own_ms.get(phase, 0.0) for phase in [*self.timings][:-2]}, watch.total_ms),
-            tree_from_cache=made is not None and made.from_cache,
-            notes=(*(made.notes if made is not None else ()), *finder.notes(given)),
+            tree_from_cache=built is not None and built.from_cache,
+            notes=(*(built.notes if built is not None else ()), *finder.notes(given)),
         )
         if not self._options.validate:
             return picture
@@ -335,17 +356,17 @@ class Renderer(ContextManager):
 
     def _denoise(
         self, film: NDArray[np.float32], normals: NDArray[np.float64], view: View, described: NDArray[np.void],
-        traced: _Shown | JoinedScene,
+        traced: _Drawn | JoinedScene,
     ) -> NDArray[np.uint8]:  # fmt: skip
         """Take the noise out of a film of the picture of a view, in place; return its colours."""
         from .denoise import GUIDE_SAMPLES, denoise_film
 
         guide = Progress(GUIDE_SAMPLES, film=np.empty_like(film))
-        plain, frames = replace(view, shading="albedo"), traced.frames
-        frames.render(described, traced.painters.painter(plain, described, guide))
+        plain = traced.painters.painter(replace(view, shading="albedo"), described, guide)
+        render_frame(traced.caster, described, plain, guide)
         assert guide.film is not None
         denoise_film(film, guide.film, normals)
-        return frames.develop(described, film)
+        return develop_film(traced.caster, described, film)
 
     def images(
         self,
@@ -415,49 +436,69 @@ class Renderer(ContextManager):
         ...     before, renderer.render().report()["hits"]
         (216, 440)
         """
-        with self._shown.frames.caster.open_call() as call, self._moving:
-            built, _, frames, painters, _ = self._shown
-            state = self.scene._move(built.state, instances, transforms)
-            world = frames.caster.world.with_transforms(state, call.session)
-            built = built.at(world)
-            if self._options.validate:
-                built.validate()
-            self._shown = _Shown.make(built, frames.at(world), painters.at(world, built), self._options)
+        self._check_open()
+        self.tracer.set_transforms(instances, transforms)
+
+    def _check_open(self) -> None:
+        if self.is_closed:
+            raise QueryError("the renderer is closed: its tree is no longer on the device")
+
+    def _look(self) -> _Drawn:
+        """Return what the tracer is at now."""
+        self._check_open()
+        with self._lock:
+            if self._drawn.caster.world is not self.tracer._caster.world:
+                drawn = _Drawn.of_tracer(self.tracer, self._session, self._drawn)
+                if self._options.validate:
+                    self._validate(drawn.scene)
+                self._drawn = drawn
+            return self._drawn
+
+    def _validate(self, scene: DrawnScene) -> None:
+        """Raise `ValidationError` unless the trees of a scene are right."""
+        from ..builders.build import leaf_limit
+
+        options = self._options
+        scene.validate(None if self.tracer._opening.built is None else leaf_limit(options.builder, options.build))
 
     @property
     def mesh(self) -> Mesh | None:
         """The mesh, in the scene's coordinates; None for a scene of several objects."""
-        return self._shown.built.mesh
+        return self._look().scene.mesh
 
     @property
     def bvh(self) -> Bvh | None:
-        """The tree of the mesh; None with the builder ``"brute"``, and for a scene of several objects."""
-        return self._shown.built.bvh
+        """The tree of the mesh as it was built for the renderer; None for a scene of several objects, and of a tracer.
+
+        Also None with the builder ``"brute"``, and once vertices have moved.
+        """
+        return self._look().scene.bvh
 
     @property
     def device(self) -> DeviceInfo:
         """The device that the tree is on."""
-        return self._shown.frames.caster.session.info
+        return self.tracer.device
 
     @property
     def layout(self) -> str:
         """The layout of the tree on the device."""
-        return self._shown.frames.caster.world.layout
+        return self.tracer.layout
 
     @property
     def memory_bytes(self) -> int:
         """Device memory that the tree and the triangles take."""
-        return self._shown.frames.caster.world.memory_bytes
+        return self.tracer.memory_bytes
 
     @property
     def is_closed(self) -> bool:
         """Whether the renderer makes no more pictures."""
-        return self._shown.frames.caster.calls.is_closed
+        return self._is_closed or self.tracer.is_closed
 
     def close(self) -> None:
         """Give the device's memory back. Closing twice is allowed.
 
-        Pictures that other threads are rendering are finished first; later calls raise `QueryError`.
+        Pictures that other threads are rendering are finished first; later calls raise `QueryError`. A tracer that the
+        renderer was given stays open; closing that closes the renderer.
 
         Examples
         --------
@@ -467,33 +508,27 @@ class Renderer(ContextManager):
         >>> renderer.is_closed
         True
         """
-        self._shown.frames.caster.close()
+        self._is_closed = True
+        if self._owns_tracer:
+            self.tracer.close()
+        # What pictures need beside the world is given back when nothing refers to it.
+        vars(self).pop("_drawn", None)
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self.is_closed:
             raise QueryError("a closed renderer cannot be pickled: pickle it before, or what it was opened from")
-        built = self._shown.built
-        tree = built.bvh if built.made is None else None  # that was given
-        key = digest_of((built.state, None if tree is None else (tree.nodes, tree.prim_ids), self._options))
-        return _reopen, (key, self.scene._at(built.state), tree, self.view, self._options)
-
-    def _twin(self, scene: Scene, view: View) -> Renderer:
-        """Return a renderer of the same scene whose end is its own."""
-        twin = object.__new__(Renderer)
-        built, _, frames, painters, _ = self._shown
-        vars(twin).update(vars(self), scene=scene._at(built.state), view=view, _moving=make_lock())
-        own = FrameRenderer(frames.caster.session.branch(), frames.caster.world)
-        twin._shown = _Shown.make(built, own, painters, self._options)
-        return twin
+        return _reopen, (self.tracer, self.view, self._options.validate)
 
     def _repr_png_(self) -> bytes:
         """Return the picture of the renderer's view, for notebooks."""
         return self.render()._repr_png_()
 
     def __repr__(self) -> str:
-        built = self._shown.built
-        counts = built.state._describe()
-        return f"Renderer({built.name!r}, {counts}, device={self.device.name!r}, layout={self.layout!r})"
+        if self.is_closed:
+            return "Renderer(closed)"
+        scene = self._look().scene
+        counts = scene.state._describe()
+        return f"Renderer({scene.name!r}, {counts}, device={self.device.name!r}, layout={self.layout!r})"
 
     @property
     def camera(self) -> Camera:
@@ -510,7 +545,7 @@ class Renderer(ContextManager):
         ...     renderer.find_camera(side="top").up
         (-0.0, -0.0, -1.0)
         """
-        finder = self._shown.finder
+        finder = self._look().finder
         return finder.camera(finder.complete(self._find_view(view, changes)))
 
     def hits_at(self, pixels: ArrayLike, view: View | None = None, **changes: Any) -> Hits:
@@ -538,7 +573,7 @@ class Renderer(ContextManager):
         >>> hits.is_hit
         array([ True, False])
         """
-        finder, frames = self._shown.finder, self._shown.frames
+        finder = self._look().finder
         view = finder.complete(self._find_view(view, changes))
         camera, size = finder.camera(view), (view.width, view.height)
         origins, directions = camera.rays_at(pixels, *size)
@@ -548,8 +583,8 @@ class Renderer(ContextManager):
             is_seen = camera.sees(*size)[row, column]
 
         def cast(t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf) -> Hits:
-            rays = read_rays(origins, directions, np.where(is_seen, t_min, 0.0), np.where(is_seen, t_max, 0.0))
-            return find_closest_hits(frames.caster, rays, None)
+            t_min, t_max = np.where(is_seen, t_min, 0.0), np.where(is_seen, t_max, 0.0)
+            return self.tracer.closest_hit(origins, directions, t_min=t_min, t_max=t_max)
 
         if view.cut is None:
             return cast()
@@ -585,7 +620,7 @@ class Renderer(ContextManager):
         """
         if isinstance(count, bool) or not isinstance(count, Integral) or count < 1:
             raise SceneError(f"a turn has at least one camera, not {count!r}")
-        finder = self._shown.finder
+        finder = self._look().finder
         return finder.turn(finder.complete(self._find_view(view, changes)), int(count))
 
     def measure_views(self, views: Sequence[str] = STANDARD_VIEWS, **changes: Any) -> dict[str, tuple[float, float]]:
@@ -605,7 +640,7 @@ class Renderer(ContextManager):
         ...     renderer.measure_views(["front", "right"])
         {'front': (2.0, 3.0), 'right': (0.0, 3.0)}
         """
-        finder = self._shown.finder
+        finder = self._look().finder
         view = finder.complete(self._find_view(None, changes))
         return {side: finder.measure(view, side) for side in views}
 
@@ -619,16 +654,18 @@ class Renderer(ContextManager):
         ...     renderer.list_notes()
         ()
         """
-        return self._shown.finder.notes(self._find_view(view, changes))
+        return self._look().finder.notes(self._find_view(view, changes))
 
     def _find_view(self, view: View | None, changes: Mapping[str, Any]) -> View:
         _check_type("view", view, View)
         return (self.view if view is None else view).changed(**changes)
 
 
-def _reopen(key: str, scene: Scene, tree: Bvh | None, view: View, options: RenderOptions) -> Renderer:
-    """Return a renderer that was pickled: what it shows is opened once in this process."""
-    return open_once(key, lambda: Renderer(scene if tree is None else tree, view, options))._twin(scene, view)
+def _reopen(tracer: Tracer, view: View, validate: bool) -> Renderer:
+    """Return a renderer that was pickled."""
+    renderer = Renderer(tracer, view, RenderOptions(validate=validate))
+    renderer._owns_tracer = True
+    return renderer
 
 
 def _check_type(name: str, value: object, kind: type) -> None:

@@ -24,7 +24,8 @@ from ..support.archive import begins_with_member
 from ..support.files import open_regular, read_errors_as
 from ..support.folders import is_writable
 from ..support.opened import open_once
-from ..trace.tracer import Opening, Tracer, open_kept
+from ..trace.tracer import Opening, Tracer
+from ..trace.world.trees import check_fit
 from .open_scene import SceneLike, as_scene, open_scene
 from .options import RenderOptions
 from .renderer import Renderer
@@ -182,7 +183,9 @@ def open_tracer(
     def open_anew() -> Tracer:
         scene, _ = ref.load()
         state = scene.snapshot()
-        return open_kept(_find_trees(state.shapes, quality), Opening(scene, state, None, device, layout, quality, ref))
+        check_fit(device, layout, state.shapes)
+        opening = Opening(scene, state, None, device, layout, quality, ref)
+        return Tracer._opened(opening, _find_trees(state.shapes, quality))
 
     return open_once((ref.sha256, repr(device), layout, quality), open_anew)
 
@@ -196,8 +199,7 @@ def open_renderer(ref: SceneRef, options: RenderOptions | None = None) -> Render
 def _find_trees(shapes: Sequence[Shape], quality: str) -> Sequence[Bvh | BuildOptions]:
     if quality == FAST_QUALITY:
         return plan_trees(shapes, quality)
-    made = get_trees(shapes, lambda shape: TreeOptions(build=suit_options(shape, quality), cache=_find_cache()))
-    return [each.bvh for each in made]
+    return get_trees(shapes, lambda shape: TreeOptions(build=suit_options(shape, quality), cache=_find_cache())).bvhs
 
 
 def _find_cache() -> Path | None:

@@ -1,4 +1,4 @@
-"""The user's cache, the folders that ship with clbvh, and the version of the package.
+"""The user's cache, and the folders that ship with clbvh.
 
 The cache holds files that can be made or fetched again: meshes and trees. A wheel carries kernel sources and scenes
 inside the package; a source checkout and an editable install have them one folder up.
@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from platformdirs import user_cache_dir
@@ -95,9 +94,3 @@ def find_folder(name: str) -> Path:
     raise InternalError(
         f"the shipped folder '{name}' is in neither {candidates[0]} nor {candidates[1]}: reinstall clbvh"
     )
-
-
-try:
-    __version__ = version("clbvh")
-except PackageNotFoundError:  # a folder on the path that was never installed
-    __version__ = "0+unknown"

@@ -7,15 +7,17 @@ of their own.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
+from ..device.open import open_device
+from ..device.session import DeviceSession
 from ..device.times import CommandTimes
-from ..errors import QueryError
-from ..geometry import Mesh, MeshLike
+from ..errors import QueryError, SceneError
+from ..geometry import Mesh, MeshLike, Shape
 from ..geometry.as_mesh import HasGraph
 from ..layouts.device_mesh import open_session, take_mesh
 from ..scene.scene import Scene
@@ -34,9 +36,14 @@ from .world.world import open_world
 
 if TYPE_CHECKING:
     from ..builders.options import BuildOptions
+    from ..builders.tree_cache import BuildResult
+    from ..builders.tree_options import TreeOptions
 
 Traceable: TypeAlias = Scene | Bvh | MeshLike
 """Anything that rays can be cast at: a `Scene`, a `Bvh`, or a `MeshLike`."""
+
+Plans: TypeAlias = "Sequence[Bvh | BuildOptions] | None"
+"""The tree of each geometry, or the options by which the device builds it; None for primitives without a tree."""
 
 
 class Opening(NamedTuple):
@@ -52,9 +59,13 @@ class Opening(NamedTuple):
         That was given for the only mesh.
     device : DeviceInfo, str, int or None
         As it was asked for.
-    layout, quality : str
+    layout : str
+    building : str or TreeOptions
+        The quality of the trees that are built, or all options of trees that are built on the host.
     ref : SceneRef, optional
         That names the scene.
+    built : BuildResult, optional
+        The trees that were built by options, of the scene as it was.
     """
 
     scene: Scene
@@ -62,8 +73,34 @@ class Opening(NamedTuple):
     tree: Bvh | None
     device: DeviceInfo | str | int | None
     layout: str
-    quality: str
+    building: str | TreeOptions
     ref: Any = None
+    built: BuildResult | None = None
+
+    @classmethod
+    def plan(
+        cls, scene: Scene, tree: Bvh | None, device: DeviceInfo | str | int | None, layout: str,
+        building: str | TreeOptions,
+    ) -> tuple[Self, Plans]:  # fmt: skip
+        """Return the opening of a scene as it is now, and the plans of its trees; those of options are built here."""
+        state = scene.snapshot()
+        if state.instance_count == 0:
+            raise SceneError("the scene is empty: add a geometry and place it, as in scene.place(scene.add(mesh))")
+        check_fit(device, layout, state.shapes)
+        opening = cls(scene, state, tree, device, layout, building)
+        if tree is not None:
+            return opening, [tree]
+        if isinstance(building, str):
+            return opening, _plan_trees(state.shapes, building)
+        built = building._find_trees(state, device)
+        return opening._replace(built=built), None if built is None else built.bvhs
+
+    @property
+    def trees(self) -> tuple[Bvh, ...]:
+        """The trees of the scene as it was, as far as the host has them."""
+        if self.tree is not None:
+            return (self.tree,)
+        return () if self.built is None else self.built.bvhs
 
 
 class Tracer(RayQueries, PointQueries, PairQueries, Moves):
@@ -123,16 +160,14 @@ class Tracer(RayQueries, PointQueries, PairQueries, Moves):
         source = Scene(source) if isinstance(source, HasGraph) else source
         mesh = None if isinstance(source, Scene) else _find_mesh(source, device)
         scene = source if isinstance(source, Scene) else Scene(mesh)
-        state = scene.snapshot()
-        check_fit(device, layout, state.shapes)
         tree = source if isinstance(source, Bvh) else None
+        opening, plans = Opening.plan(scene, tree, device, layout, quality)
         # A tree on the device is built once that is open.
-        plans = _plan_trees(state, quality) if tree is None else [tree]
-        self._open(mesh, plans, Opening(scene, state, tree, device, layout, quality))
+        self._open(opening, plans, lambda: open_session(mesh, device))
 
-    def _open(self, mesh: Mesh | None, plans: Sequence[Bvh | BuildOptions], opening: Opening) -> None:
+    def _open(self, opening: Opening, plans: Plans, find_session: Callable[[], DeviceSession]) -> None:
         """Put the trees on the device: what the constructor does when it knows them."""
-        session = open_session(mesh, opening.device)
+        session = find_session()
         try:
             caster = Caster(session, open_world(session, opening.state, plans, opening.layout))
         except BaseException:
@@ -140,10 +175,16 @@ class Tracer(RayQueries, PointQueries, PairQueries, Moves):
             raise
         self._start(caster, opening)
 
+    @classmethod
+    def _opened(cls, opening: Opening, plans: Plans, session: DeviceSession | None = None) -> Self:
+        """Return a tracer of trees that are planned, on its device or in the session given."""
+        tracer = object.__new__(cls)
+        tracer._open(opening, plans, lambda: session or open_device(opening.device))
+        return tracer
+
     def _start(self, caster: Caster, opening: Opening) -> None:
-        tree = opening.tree or opening.quality
         self._caster, self._opening = caster, opening
-        self._changes = Changes(opening.scene, opening.state, tree)
+        self._changes = Changes(opening.scene, opening.state, opening.tree or opening.building)
         self._updating = make_lock()
         self._host_trees = HostTrees()
 
@@ -209,11 +250,12 @@ class Tracer(RayQueries, PointQueries, PairQueries, Moves):
         if self.is_closed:
             raise QueryError("a closed tracer cannot be pickled: pickle it before, or what it was opened from")
         opening, state = self._opening, self._caster.world.state
-        scene, _, tree, *asked, ref = opening
+        scene, _, tree, device, layout, building, ref, _ = opening
         if ref is not None and state is opening.state:
-            return partial(ref.tracer, **dict(zip(("device", "layout", "quality"), asked, strict=True))), ()
+            return partial(ref.tracer, device=device, layout=layout, quality=building), ()
         # Of moved vertices, it is built again.
         tree = tree if tree is not None and state.shapes[0] is tree.shape else None
+        asked = device, layout, building
         key = digest_of((state, None if tree is None else (tree.nodes, tree.prim_ids), asked))
         return _reopen, (key, scene._at(state), tree, *asked)
 
@@ -242,27 +284,15 @@ def _find_mesh(source: Bvh | MeshLike, device: DeviceInfo | str | int | None) ->
     return source.mesh if isinstance(source, Bvh) else take_mesh(source, device, or_else="a clbvh.Bvh")
 
 
-def _plan_trees(state: SceneState, quality: str) -> Sequence[Bvh | BuildOptions]:
+def _plan_trees(shapes: Sequence[Shape], quality: str) -> Sequence[Bvh | BuildOptions]:
     # Imported here: a tracer of a finished tree needs no builder.
     from ..builders.build import plan_trees
 
-    return plan_trees(state.shapes, quality)
+    return plan_trees(shapes, quality)
 
 
-def _reopen(key: str, scene: Scene, tree: Bvh | None, device: Any, layout: str, quality: str) -> Tracer:
+def _reopen(
+    key: str, scene: Scene, tree: Bvh | None, device: Any, layout: str, building: str | TreeOptions
+) -> Tracer:  # fmt: skip
     """Return a tracer that was pickled: its world is opened once in this process."""
-
-    def open_anew() -> Tracer:
-        state = scene.snapshot()
-        plans = _plan_trees(state, quality) if tree is None else [tree]
-        return open_kept(plans, Opening(scene, state, tree, device, layout, quality))
-
-    return open_once(key, open_anew)._twin(scene)
-
-
-def open_kept(plans: Sequence[Bvh | BuildOptions], opening: Opening) -> Tracer:
-    """Return a tracer of trees that are there; see `open_once`."""
-    tracer = object.__new__(Tracer)
-    check_fit(opening.device, opening.layout, opening.state.shapes)
-    tracer._open(None, plans, opening)
-    return tracer
+    return open_once(key, lambda: Tracer._opened(*Opening.plan(scene, tree, device, layout, building)))._twin(scene)

@@ -7,7 +7,7 @@ import pytest
 
 import clbvh
 from clbvh import ConfigError, Renderer, Transform
-from clbvh.rendering import painters
+from clbvh.rendering import frame
 
 from .test_pictures import KNOT
 
@@ -39,7 +39,7 @@ def test_bands_do_not_show(monkeypatch):
     pytest.importorskip("pyoidn", exc_type=ImportError)
     view = clbvh.View(width=40, height=30, samples=2, denoise=True, transparent=True)
     whole = clbvh.render(KNOT, view)
-    monkeypatch.setattr(painters, "BAND_PIXELS", 40 * 8)
+    monkeypatch.setattr(frame, "BAND_PIXELS", 40 * 8)
     banded = clbvh.render(KNOT, view)
     np.testing.assert_array_equal(whole.pixels, banded.pixels)
     assert whole.film is None

@@ -100,7 +100,7 @@ def test_buffers_of_older_poses_are_given_back(scene):
         for step in range(6):
             renderer.set_transforms("knot", Transform(translate=(step, 0, 0)))
             renderer.render()
-            counts.add(renderer._shown.frames.caster.session.buffer_count)
+            counts.add(renderer._session.buffer_count)
         assert len(counts) == 1
 
 

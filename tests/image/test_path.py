@@ -8,7 +8,7 @@ import trimesh
 
 import clbvh
 from clbvh import Appearance, Light, Material, Mesh, Renderer, Scene, SceneError, Spheres, View
-from clbvh.rendering import painters
+from clbvh.rendering import frame
 from clbvh.rendering.environment_map import find_axes, make_environment_tables, solid_angles
 from clbvh.rendering.kernel_view import _LIGHT_SPREAD
 
@@ -183,7 +183,7 @@ def test_the_error_falls_with_the_root_of_the_samples_and_bits_do_not_depend_on_
         with Renderer(*scene, clbvh.RenderOptions(layout=layout)) as renderer:
             film = renderer.render(samples=9, keeps_film=True).film[..., :3]
             np.testing.assert_array_equal(film, expected)
-    monkeypatch.setattr(painters, "BAND_PIXELS", 7 * 24)
+    monkeypatch.setattr(frame, "BAND_PIXELS", 7 * 24)
     np.testing.assert_array_equal(render_film(scene, samples=9, launch_s=0.0), expected)
 
 

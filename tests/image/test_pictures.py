@@ -25,7 +25,13 @@ from clbvh import (
 from clbvh.builders.build import BUILDERS
 from clbvh.choices import REPORT_SHADINGS
 from clbvh.geometry.appearance.srgb import srgb_to_linear
-from clbvh.rendering import built_scene, painters, picture as picture_module
+from clbvh.rendering import (
+    frame,
+    options as options_module,
+    painters,
+    picture as picture_module,
+    renderer as renderer_module,
+)
 
 from ..unit.trace.scene_states import affine
 
@@ -91,13 +97,13 @@ def test_pixels_depend_neither_on_trees_nor_on_layouts_nor_on_bands(renderer, so
         assert same_picture(picture, expected), each
     assert picture.tree_from_cache
     whole_hits = expected.hits
-    monkeypatch.setattr(painters, "BAND_PIXELS", 96 * 7)
+    monkeypatch.setattr(frame, "BAND_PIXELS", 96 * 7)
     monkeypatch.setattr(picture_module, "_CHUNK_PIXELS", 96 * 7)
     picture = clbvh.render(source, VIEW, shading="lambert+shadow")
     assert same_picture(picture, expected)
     assert all((getattr(picture.hits, name) == getattr(whole_hits, name)).all() for name in ("t", "u", "instance_id"))
     placed = sum(instance.geometry.shape.prim_count for instance in renderer.scene.instances)
-    monkeypatch.setattr(built_scene, "BRUTE_LIMIT", placed - 1)
+    monkeypatch.setattr(options_module, "BRUTE_LIMIT", placed - 1)
     with pytest.raises(ConfigError, match="brute"):
         clbvh.render(source, VIEW, RenderOptions(builder="brute"))
 
@@ -108,9 +114,9 @@ def test_every_pixel_of_a_small_picture_is_validated_and_a_wrong_one_found(sourc
         hits["prim_id"][20, 16] = 3
         return colours, hits
 
-    view, render_rightly = VIEW.changed(width=40, height=30), painters.FrameRenderer.render
+    view, render_rightly = VIEW.changed(width=40, height=30), renderer_module.render_frame
     assert clbvh.render(source, view, RenderOptions(validate=True)).validated_pixels == 1200
-    monkeypatch.setattr(painters.FrameRenderer, "render", render_wrongly)
+    monkeypatch.setattr(renderer_module, "render_frame", render_wrongly)
     with pytest.raises(ValidationError, match=r"1 of 1200 pixels differ .* column 16, row 20"):
         clbvh.render(source, view, RenderOptions(validate=True))
 
@@ -168,7 +174,7 @@ def test_studio_looks_as_it_did_whatever_the_bands_and_launches(session, compare
     assert (other != wholes[1]).any()
     assert abs(other.mean() - wholes[1].mean()) < 0.3
     # Two samples in each launch, and 7 rows in each band.
-    monkeypatch.setattr(painters, "BAND_PIXELS", VIEW.width * 7)
+    monkeypatch.setattr(frame, "BAND_PIXELS", VIEW.width * 7)
     with Renderer(KNOT, VIEW) as renderer:
         for row, whole in zip(rows, wholes, strict=True):
             assert np.array_equal(renderer.render(launch_s=0.0, **row).rgb, whole)
@@ -195,7 +201,7 @@ def test_a_picture_that_is_stopped_has_the_samples_that_were_taken(monkeypatch):
         assert stopped.samples == 2
         assert np.array_equal(stopped.rgb, whole.rgb)
         assert np.array_equal(stopped.film, whole.film)
-    monkeypatch.setattr(painters, "BAND_PIXELS", VIEW.width * 7)
+    monkeypatch.setattr(frame, "BAND_PIXELS", VIEW.width * 7)
     launches = itertools.count(1)
     with Renderer(KNOT, VIEW) as renderer:
         # Of a picture in bands they are those of the poorest, wherever that is.

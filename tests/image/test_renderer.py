@@ -45,7 +45,7 @@ def test_pictures_are_those_of_render_and_leave_nothing_to_the_next(renderer):
 def test_a_turn_keeps_device_tree_kernels_and_buffers(renderer, monkeypatch):
     renderer.render()
     made = []
-    session = type(renderer._shown.frames.caster.session)
+    session = type(renderer.tracer._caster.session)
     for owner, name in ((session, "allocate"), (DeviceSession, "__init__"), (program, "_compile")):
         monkeypatch.setattr(owner, name, lambda *_, **__: made.append(1))
     assert all(renderer.render(camera=camera).hits.count > 500 for camera in renderer.turntable(8))
@@ -130,4 +130,76 @@ def test_closing_waits_for_pictures_of_other_threads():
         opened.close()
 
     run_in_threads(draw, draw, close)
-    assert opened._shown.frames.caster.session.buffer_count == 0
+    assert opened.tracer._caster.session.buffer_count == 0
+
+
+class TestRenderersOfTracers:
+    @pytest.fixture
+    def tracer(self, session):
+        scene = Scene()
+        scene.place(scene.add(KNOT, name="knot"), name="moves")
+        scene.place(scene.geometries[0], clbvh.Transform(translate=(2, 0, 0)))
+        with clbvh.Tracer(scene) as opened:
+            yield opened
+
+    @pytest.mark.on_both
+    def test_they_show_what_it_is_at_now_and_share_its_trees(self, tracer):
+        with Renderer(tracer, VIEW) as renderer, Renderer(tracer, VIEW, shading="path", samples=2, smooth=True) as second:
+            counts = []
+            for step in range(6):
+                for each in (renderer, second):
+                    picture, new = each.render(), Renderer(Scene.from_state(tracer._caster.world.state), each.view)
+                    with new:
+                        assert same_picture(picture, new.render())
+                    hits = each.hits_at([[40, 30], [0, 0]])
+                    centre = each.camera.rays_at([[40, 30], [0, 0]], *SIZE)
+                    assert hits.t.tobytes() == tracer.closest_hit(*centre).t.tobytes()
+                tracer.set_transforms("moves", clbvh.Transform(translate=(0, step + 1, 0)))
+                tracer.set_vertices("knot", KNOT.vertices * (1 + step / 4))
+                counts.append([each.buffer_count for each in (tracer._caster.session, second._session)])
+            assert renderer.tracer is second.tracer is tracer
+            assert counts[3] == counts[4] == counts[5]
+        assert not tracer.is_closed
+
+    def test_its_end_is_theirs(self, tracer):
+        renderer = Renderer(tracer, VIEW)
+        renderer.render()
+        tracer.close()
+        assert renderer.is_closed
+        for ask in (renderer.render, renderer.find_camera, lambda: renderer.hits_at([1, 1])):
+            with pytest.raises(QueryError, match="the renderer is closed"):
+                ask()
+        renderer.close()
+
+    def test_a_renderer_may_be_closed_while_another_thread_draws(self, tracer):
+        renderer, expected, begun = Renderer(tracer, VIEW), clbvh.render(tracer, VIEW), threading.Event()
+
+        def draw_on():
+            while True:
+                assert same_picture(renderer.render(), expected)
+                begun.set()
+
+        def draw():
+            with pytest.raises(QueryError, match="closed"):
+                draw_on()
+
+        def close():
+            assert begun.wait(60)
+            renderer.close()
+
+        run_in_threads(draw, draw, close)
+        assert tracer.closest_hit([0, 0, 9], [0, 0, -1]).t.shape == ()
+
+    def test_options_that_a_tracer_has_are_refused(self, tracer):
+        with pytest.raises(clbvh.ConfigError, match="a tracer has its device"):
+            Renderer(tracer, VIEW, clbvh.RenderOptions(layout="bvh4"))
+        assert clbvh.render(tracer, VIEW, clbvh.RenderOptions(validate=True)).validated_pixels > 1000
+
+    def test_an_own_tracer_casts_and_moves(self):
+        with Renderer(KNOT, VIEW) as renderer:
+            assert renderer.bvh is not None
+            assert renderer.render().report()["nodes"] > 1000
+            renderer.tracer.update(KNOT.vertices + np.array([0, 0, 5.0]))
+            with Renderer(KNOT.with_vertices(KNOT.vertices + np.array([0, 0, 5.0])), VIEW) as new:
+                assert same_picture(renderer.render(), new.render())
+            assert renderer.render().report()["nodes"] is None

@@ -8,8 +8,11 @@ import pytest
 from hypothesis import Phase, given, strategies as st
 
 from clbvh import Mesh, build
-from clbvh.rendering.painters import FrameRenderer, OneRayPainter
+from clbvh.rendering.frame import render_frame
+from clbvh.rendering.painters import OneRayPainter
+from clbvh.rendering.progress import Progress
 from clbvh.structs import NO_PRIM, VIEW
+from clbvh.trace.launch import Caster
 from clbvh.tree_layouts import TREE_LAYOUTS
 
 from ..grazing import MESHES, RAYS, make_mesh, make_rays
@@ -121,6 +124,6 @@ def test_pictures_have_the_same_hits(opened, kind, seed):
     found = []
     for bvh, layout in ((None, "auto"), *((build(mesh), layout) for layout in TREE_LAYOUTS)):
         with mesh_on_device(opened, mesh, bvh, layout) as world:
-            hits = FrameRenderer(opened, world).render(view, OneRayPainter(opened, world))[1]
+            hits = render_frame(Caster(opened, world), view, OneRayPainter(opened, world), Progress(1))[1]
         found.append(hits.tobytes())
         assert found[-1] == found[0], layout

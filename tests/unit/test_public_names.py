@@ -14,7 +14,7 @@ import clbvh.errors
 _OTHERS = {"None", "Any", "Self", "Callable", "Mapping", "Sequence", "Iterable", "ArrayLike", "NDArray", "PathLike"}
 _OTHERS |= {"BaseException", "TracebackType", "Literal", "ClassVar", "Path"}
 # Anything with a graph as a `trimesh.Scene` has one, what hits and a picture show, and what a tree is over.
-_OTHERS |= {"HasGraph", "Surface", "BuiltScene", "Bounded"}
+_OTHERS |= {"HasGraph", "Surface", "DrawnScene", "Bounded"}
 # What a mesh keeps for tracers.
 _OTHERS |= {"Coincidence", "CornerFaces"}
 # Parts of a build, public among the modules of clbvh only.

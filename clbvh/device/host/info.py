@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 
-from ...support.folders import __version__
+from ...support.version import __version__
 from ...support.host_threads import usable_cores
 from ..info import HOST_PLATFORM, DeviceInfo
 from .library import open_library

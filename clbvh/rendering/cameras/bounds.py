@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import Mesh, Shape
+from ...scene.state import SceneState
 
 _Array = NDArray[np.float64]
 
@@ -129,6 +130,12 @@ class SceneBounds:
         self._use_box(lower.min(axis=0), upper.max(axis=0))
         largest = self.largest(_ALONG_AXES)
         self._use_box(self.origin - largest[3:] / self.scale, self.origin + largest[:3] / self.scale)
+
+    @classmethod
+    def of_state(cls, state: SceneState) -> SceneBounds:
+        """Return the bounds of a scene; NaN where float64 has no room for them."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return cls(state.shapes, state.geometry_ids, state.transforms)
 
     @classmethod
     def of_mesh(cls, mesh: Mesh) -> SceneBounds:

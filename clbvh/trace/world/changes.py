@@ -7,7 +7,7 @@ has changed nothing: it leaves an unreferenced world.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,9 @@ from .tree_box import TreeBox
 from .trees import DeviceTrees, NewTree, RetiredBuffers
 from .world import World, place
 
+if TYPE_CHECKING:
+    from ...builders.tree_options import TreeOptions
+
 # A geometry's tree is built anew, on the device, when its SAH cost has grown by this factor.
 REBUILD_GROWTH = 1.3
 
@@ -39,11 +42,11 @@ class Changes:
         Its handles name geometries and instances. Later changes of it are not seen.
     opened : SceneState
         The scene as it was opened.
-    tree : Bvh or str
-        The tree of the only mesh, or the quality of all trees.
+    tree : Bvh, str or TreeOptions
+        The tree of the only mesh, or the quality or the options of all trees.
     """
 
-    def __init__(self, scene: Scene, opened: SceneState, tree: Bvh | str) -> None:
+    def __init__(self, scene: Scene, opened: SceneState, tree: Bvh | str | TreeOptions) -> None:
         self._scene, self._opened, self._tree = scene, opened, tree
         self._prims: dict[int, DevicePrims] = {}
         self._refits: dict[int, Refit] = {}
@@ -67,7 +70,9 @@ class Changes:
 
         mesh, refit = world.state.shapes[0], self._refits.get(0)
         built = mesh if refit is None else refit.built
-        tree = self._tree if isinstance(self._tree, Bvh) else build_shape(built, self._tree, world.trees.session.info)
+        tree = self._tree
+        if not isinstance(tree, Bvh):
+            tree = build_shape(built, tree, world.trees.session.info)
         return tree if built is mesh else tree.refit(cast(Mesh, mesh).vertices)
 
     def choose_instances(self, geometry: Geometry | str | None, instance: Instances | None) -> NDArray[np.int64]:

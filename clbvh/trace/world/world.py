@@ -18,7 +18,6 @@ from ...bvh import Bvh
 from ...device.host.library import HostKernel
 from ...device.host.variants import TOP_STACK_SIZE
 from ...device.session import DeviceSession
-from ...errors import SceneError
 from ...geometry import Mesh, Shape
 from ...scene.state import SceneState
 from ...structs import EXACT_RAY, HIT, RAY_LOW, WORLD_HIT
@@ -216,14 +215,12 @@ def open_world(
     Raises
     ------
     SceneError
-        The scene is empty, or an instance is too small beside the scene.
+        An instance is too small beside the scene.
     ConfigError
         An unknown layout, or a tree that is too deep.
     DeviceError
         The scene does not fit the device.
     """
-    if state.instance_count == 0:
-        raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
     check_layout(layout)
     chosen = BRUTE if bvhs is None else choose_layout(layout, session.info, state.shapes)
     if bvhs is None:

@@ -117,7 +117,7 @@ def test_renderers_are_opened_once_and_end_alone(session, world):
     with Renderer(world, view, clbvh.RenderOptions(layout="bvh2")) as renderer:
         expected = renderer.render().rgb
         first, second = send(renderer), copy.deepcopy(renderer)
-    assert first._shown.frames.caster.world is second._shown.frames.caster.world
+    assert first.tracer._caster.world is second.tracer._caster.world
     assert (first.layout, first.view) == ("bvh2", view)
     assert (first.render().rgb == expected).all()
     # Each moves alone, and travels as it is.

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from clbvh import Mesh, RenderOptions, build, make_shape
-from clbvh.rendering.built_scene import BuiltScene
+from clbvh import Mesh, build, make_shape
 from clbvh.rendering.heat_map import mean_steps, open_counter
 from clbvh.trace.hits.closest import count_steps
 from clbvh.tree_layouts import TREE_LAYOUTS
@@ -18,8 +17,7 @@ def count(session):
     """Count the steps of rays at a tree or a state."""
 
     def count_in(source, origins, directions, layout="bvh2"):
-        world = BuiltScene(source, RenderOptions()) if hasattr(source, "shapes") else source
-        with open_counter(world, session.info, layout) as caster:
+        with open_counter(source, session.info, layout) as caster:
             return count_steps(caster, origins, directions)
 
     return count_in
