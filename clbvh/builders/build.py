@@ -25,7 +25,6 @@ from .sah.small_trees import build_small
 if TYPE_CHECKING:
     from ..device.info import DeviceInfo
     from .processes.pool import SubtreePool
-    from .tree_options import TreeOptions
 
 
 # Fewest primitives for each worker, unless a task threshold is given. A thread starts in about 100 us, and builds a
@@ -196,14 +195,10 @@ def choose_workers(prim_count: int, builder: str, options: BuildOptions, workers
     return most if options.task_threshold is not None else max(1, min(most, prim_count // PRIMS_PER_WORKER))
 
 
-def build_shape(shape: Bounded, building: str | TreeOptions, device: DeviceInfo | None = None) -> Bvh:
-    """Build a tree over a shape as `build` does, if need be on a device, by a quality or by options.
-
-    A tree over spheres of some quality has leaves that suit them.
-    """
-    options = suit_options(shape, building) if isinstance(building, str) else building.build
-    builder, workers = (DEFAULT_BUILDER, None) if isinstance(building, str) else (building.builder, building.workers)
-    return build_tree(shape, builder, None, options, workers, device if options.quality == FAST_QUALITY else None)
+def build_shape(shape: Bounded, quality: str, device: DeviceInfo | None = None) -> Bvh:
+    """Build a tree over a shape as `build` does, if need be on a device; over spheres with leaves that suit them."""
+    on = device if quality == FAST_QUALITY else None
+    return build_tree(shape, DEFAULT_BUILDER, None, suit_options(shape, quality), device=on)
 
 
 def plan_tree(shape: Shape, quality: str) -> Bvh | BuildOptions:

@@ -8,15 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..errors import ConfigError
 from .options import DEFAULT_BUILDER, BuildOptions, check_workers
-
-if TYPE_CHECKING:
-    from ..device.info import DeviceInfo
-    from ..scene.state import SceneState
-    from .tree_cache import BuildResult
 
 
 @dataclass(frozen=True)
@@ -48,12 +42,6 @@ class TreeOptions:
         check_workers(self.workers)
         if self.cache is not None and not isinstance(self.cache, Path):
             raise ConfigError(f"cache must be a pathlib.Path or None, not {self.cache!r}")
-
-    def _find_trees(self, state: SceneState, device: DeviceInfo | str | int | None = None) -> BuildResult | None:
-        """Return the trees over the shapes of a scene, from the cache or built; None where there are to be none."""
-        from .tree_cache import get_trees
-
-        return get_trees(state.shapes, lambda _: self, device)
 
     @staticmethod
     def _list_builders() -> tuple[str, ...]:

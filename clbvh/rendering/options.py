@@ -9,15 +9,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..builders.tree_options import TreeOptions
-from ..errors import ConfigError
 
 if TYPE_CHECKING:
-    from ..builders.tree_cache import BuildResult
     from ..device.info import DeviceInfo
-    from ..scene.state import SceneState
-
-# The cost is rays times primitives: with more of them than this, a picture would take hours.
-BRUTE_LIMIT = 100_000
 
 
 @dataclass(frozen=True)
@@ -53,25 +47,6 @@ class RenderOptions(TreeOptions):
 
         super().__post_init__()
         check_layout(self.layout)
-
-    def _find_trees(self, state: SceneState, device: DeviceInfo | str | int | None = None) -> BuildResult | None:
-        """Return what `TreeOptions._find_trees` does; None with the builder ``"brute"``.
-
-        Raises
-        ------
-        ConfigError
-            There are too many primitives without a tree.
-        """
-        from ..trace.world.trees import BRUTE
-
-        if self.builder != BRUTE:
-            return super()._find_trees(state, device)
-        if (count := state.placed_prim_count) > BRUTE_LIMIT:
-            raise ConfigError(
-                f"the brute builder tests every primitive for every ray: {count:,} primitives are more than its limit "
-                f"of {BRUTE_LIMIT:,}"
-            )
-        return None
 
     @staticmethod
     def _list_builders() -> tuple[str, ...]:

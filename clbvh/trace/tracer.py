@@ -31,7 +31,7 @@ from .pair_queries import PairQueries
 from .point_queries import PointQueries
 from .ray_queries import RayQueries
 from .world.changes import Changes
-from .world.trees import check_fit, check_layout
+from .world.trees import BRUTE, check_brute, check_fit, check_layout
 from .world.world import open_world
 
 if TYPE_CHECKING:
@@ -92,8 +92,11 @@ class Opening(NamedTuple):
             return opening, [tree]
         if isinstance(building, str):
             return opening, _plan_trees(state.shapes, building)
-        built = building._find_trees(state, device)
-        return opening._replace(built=built), None if built is None else built.bvhs
+        if building.builder == BRUTE:
+            check_brute(state.placed_prim_count)
+            return opening, None
+        built = _find_trees(state.shapes, building, device)
+        return opening._replace(built=built), built.bvhs
 
     @property
     def trees(self) -> tuple[Bvh, ...]:
@@ -291,8 +294,18 @@ def _plan_trees(shapes: Sequence[Shape], quality: str) -> Sequence[Bvh | BuildOp
     return plan_trees(shapes, quality)
 
 
+def _find_trees(shapes: Sequence[Shape], options: TreeOptions, device: Any) -> BuildResult:
+    from ..builders.tree_cache import get_trees
+
+    return get_trees(shapes, lambda _: options, device)
+
+
 def _reopen(
     key: str, scene: Scene, tree: Bvh | None, device: Any, layout: str, building: str | TreeOptions
 ) -> Tracer:  # fmt: skip
     """Return a tracer that was pickled: its world is opened once in this process."""
-    return open_once(key, lambda: Tracer._opened(*Opening.plan(scene, tree, device, layout, building)))._twin(scene)
+
+    def open_anew() -> Tracer:
+        return Tracer._opened(*Opening.plan(scene, tree, device, layout, building))
+
+    return open_once(key, open_anew)._twin(scene)

@@ -27,11 +27,11 @@ from clbvh.choices import REPORT_SHADINGS
 from clbvh.geometry.appearance.srgb import srgb_to_linear
 from clbvh.rendering import (
     frame,
-    options as options_module,
     painters,
     picture as picture_module,
     renderer as renderer_module,
 )
+from clbvh.trace.world import trees
 
 from ..unit.trace.scene_states import affine
 
@@ -103,7 +103,7 @@ def test_pixels_depend_neither_on_trees_nor_on_layouts_nor_on_bands(renderer, so
     assert same_picture(picture, expected)
     assert all((getattr(picture.hits, name) == getattr(whole_hits, name)).all() for name in ("t", "u", "instance_id"))
     placed = sum(instance.geometry.shape.prim_count for instance in renderer.scene.instances)
-    monkeypatch.setattr(options_module, "BRUTE_LIMIT", placed - 1)
+    monkeypatch.setattr(trees, "BRUTE_LIMIT", placed - 1)
     with pytest.raises(ConfigError, match="brute"):
         clbvh.render(source, VIEW, RenderOptions(builder="brute"))
 

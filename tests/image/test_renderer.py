@@ -144,7 +144,10 @@ class TestRenderersOfTracers:
 
     @pytest.mark.on_both
     def test_they_show_what_it_is_at_now_and_share_its_trees(self, tracer):
-        with Renderer(tracer, VIEW) as renderer, Renderer(tracer, VIEW, shading="path", samples=2, smooth=True) as second:
+        with (
+            Renderer(tracer, VIEW) as renderer,
+            Renderer(tracer, VIEW, shading="path", samples=2, smooth=True) as second,
+        ):
             counts = []
             for step in range(6):
                 for each in (renderer, second):

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import psutil
 
-from ...support.version import __version__
 from ...support.host_threads import usable_cores
+from ...support.version import __version__
 from ..info import HOST_PLATFORM, DeviceInfo
 from .library import open_library
 

@@ -67,12 +67,15 @@ class Changes:
         """Return the tree of a lone mesh: the one that was given, or the same built again, refitted like it."""
         # Imported here: few ask for it.
         from ...builders.build import build_shape
+        from ...builders.tree_cache import get_tree
 
         mesh, refit = world.state.shapes[0], self._refits.get(0)
         built = mesh if refit is None else refit.built
         tree = self._tree
-        if not isinstance(tree, Bvh):
+        if isinstance(tree, str):
             tree = build_shape(built, tree, world.trees.session.info)
+        elif not isinstance(tree, Bvh):
+            tree = get_tree(cast(Shape, built), tree).bvh
         return tree if built is mesh else tree.refit(cast(Mesh, mesh).vertices)
 
     def choose_instances(self, geometry: Geometry | str | None, instance: Instances | None) -> NDArray[np.int64]:

@@ -44,6 +44,9 @@ if TYPE_CHECKING:
 
 BRUTE = "brute"
 
+# The cost is rays times primitives: with more of them than this, a picture would take hours.
+BRUTE_LIMIT = 100_000
+
 # Trees too deep for the common stack of their layout get the next multiple of this.
 _STACK_STEP = 16
 
@@ -57,6 +60,15 @@ def check_layout(layout: str) -> None:
     known = ("auto", *TREE_LAYOUTS)
     if layout not in known:
         raise ConfigError(f"layout must be one of {', '.join(known)}, not '{layout}'")
+
+
+def check_brute(prim_count: int) -> None:
+    """Raise `ConfigError` if there are too many primitives to test without a tree."""
+    if prim_count > BRUTE_LIMIT:
+        raise ConfigError(
+            f"the brute builder tests every primitive for every ray: {prim_count:,} primitives are more than its limit "
+            f"of {BRUTE_LIMIT:,}"
+        )
 
 
 # Bytes of a triangle in the largest buffer of `bvh8`, whose blocks are seldom full, at most: 48 to 60 were measured.

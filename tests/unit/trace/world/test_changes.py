@@ -167,5 +167,5 @@ def test_a_mesh_is_a_scene_of_one_instance():
 
 
 def test_an_empty_scene_is_refused():
-    with pytest.raises(SceneError, match="no instance"):
+    with pytest.raises(SceneError, match="the scene is empty"):
         clbvh.Tracer(clbvh.Scene())
