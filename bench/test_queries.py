@@ -7,7 +7,7 @@ import pytest
 
 import clbvh
 from clbvh.integrations.trimesh import RayMeshIntersector
-from clbvh.rendering.cameras.framing import frame_mesh
+from clbvh.view.cameras.framing import frame_mesh
 
 from .paired import compare, measure_ms
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.study.engines import Rival
+from clbvh.view.cameras.framing import frame_mesh
 
 from .paired import DEFAULT_RUNS, compare, measure_ms
 from .scene_engines import open3d_flattened, ours, trimesh_loop

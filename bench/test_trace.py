@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.trace import put_rays
 from clbvh.trace.rays.pieces import Piece, cut_rays
 from clbvh.tree_layouts import TREE_LAYOUTS
+from clbvh.view.cameras.framing import frame_mesh
 
 from .paired import DEFAULT_RUNS, measure_ms
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.rendering.heat_map import measure_rays
+from clbvh.view.cameras.framing import frame_mesh
 
 from .paired import compare, measure_ms
 

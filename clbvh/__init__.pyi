@@ -24,6 +24,8 @@ from .errors import (
     TreeFileError as TreeFileError,
     ValidationError as ValidationError,
 )
+from .files.open_scene import SceneLike as SceneLike, open_scene as open_scene
+from .files.scene_file import save_scene as save_scene
 from .geometry import (
     Mesh as Mesh,
     MeshLike as MeshLike,
@@ -37,25 +39,16 @@ from .geometry.appearance.material import Material as Material, Texture as Textu
 from .geometry.shards import Shard as Shard, shard_mesh as shard_mesh
 from .geometry.smooth_normals import smooth_normals_by_angle as smooth_normals_by_angle
 from .geometry.spheres import Shape as Shape
-from .rendering.cameras.camera import Camera as Camera
-from .rendering.cameras.lens import Lens as Lens
-from .rendering.cameras.projection import Fisheye as Fisheye, Orthographic as Orthographic, Panorama as Panorama
-from .rendering.cut import Cut as Cut
-from .rendering.environment_map import EnvironmentMap as EnvironmentMap
 from .rendering.images import Images as Images
-from .rendering.open_scene import SceneLike as SceneLike, open_scene as open_scene
 from .rendering.options import RenderOptions as RenderOptions
 from .rendering.picture import Picture as Picture
 from .rendering.renderer import Renderer as Renderer, render as render, render_images as render_images
-from .rendering.scene_file import save_scene as save_scene
 from .rendering.scene_ref import SceneRef as SceneRef
 from .rendering.series import (
     ContactSheet as ContactSheet,
     contact_sheet as contact_sheet,
     render_turntable as render_turntable,
 )
-from .rendering.settings import Vector as Vector
-from .rendering.view import Light as Light, View as View, Wireframe as Wireframe
 from .scene.handles import Geometry as Geometry, Instance as Instance, Instances as Instances
 from .scene.scene import Scene as Scene
 from .scene.state import SceneState as SceneState
@@ -71,4 +64,11 @@ from .trace.points.refine import ClosestPoints as ClosestPoints
 from .trace.rays.pieces import Progress as Progress
 from .trace.shards import ShardedTracer as ShardedTracer
 from .trace.tracer import Traceable as Traceable, Tracer as Tracer
+from .view.cameras.camera import Camera as Camera
+from .view.cameras.lens import Lens as Lens
+from .view.cameras.projection import Fisheye as Fisheye, Orthographic as Orthographic, Panorama as Panorama
+from .view.cut import Cut as Cut
+from .view.environment_map import EnvironmentMap as EnvironmentMap
+from .view.settings import Vector as Vector
+from .view.view import Light as Light, View as View, Wireframe as Wireframe
 from .viewer.open import view as view

@@ -18,8 +18,8 @@ from cyclopts import Group, Parameter, Token
 from ..builders.options import BuildOptions
 from ..builders.tree_options import TreeOptions
 from ..rendering.options import RenderOptions
-from ..rendering.settings import list_settings
-from ..rendering.view import View
+from ..view.settings import list_settings
+from ..view.view import View
 
 _Verb = TypeVar("_Verb", bound=Callable[..., None])
 _Options = TypeVar("_Options", bound=TreeOptions)

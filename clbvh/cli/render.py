@@ -46,7 +46,7 @@ def render(
         On Ctrl-C, write the picture of the samples so far.
     """
     from ..errors import ConfigError
-    from ..rendering.image_files import check_has_alpha, check_hits_path, check_picture_path
+    from ..files.image_files import check_has_alpha, check_hits_path, check_picture_path
     from ..rendering.renderer import render as draw
 
     # All input is checked before any work.
@@ -81,18 +81,18 @@ def render(
 
 def _is_transparent(sources: tuple[str, ...], view: options.Given) -> bool:
     """Return whether the options, or else the scene file, leave the background out."""
-    from ..rendering.open_scene import find_scene_file
+    from ..files.open_scene import find_scene_file
 
     if "transparent" in view or len(sources) > 1 or (file := find_scene_file(sources[0])) is None:
         return view.get("transparent", False)
-    from ..rendering.scene_file import parse_scene_file
+    from ..files.scene_file import parse_scene_file
 
     return parse_scene_file(file).view.transparent
 
 
 def _write(picture: Picture, output: list[Path], hits: Path | None, heatmap: str | None) -> float:
     """Write all files and return the time in milliseconds."""
-    from ..rendering.image_files import write_hits, write_picture
+    from ..files.image_files import write_hits, write_picture
 
     begin = time.perf_counter()
     pixels = picture.pixels

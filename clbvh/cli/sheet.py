@@ -21,7 +21,7 @@ def sheet(
     as_json: options.AsJson = False,
 ) -> None:
     """Write the standard views of meshes or a scene, at one scale, as one picture."""
-    from ..rendering.image_files import check_picture_path
+    from ..files.image_files import check_picture_path
     from ..rendering.series import contact_sheet
 
     # All input is checked before any work.

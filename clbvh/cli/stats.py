@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from ..bvh import Bvh
     from ..device.info import DeviceInfo
-    from ..rendering.view import View
+    from ..view.view import View
 
 _MIB = 1 << 20
 
@@ -73,8 +73,8 @@ def stats(
     from ..bvh import validate_tree
     from ..device.select import choose_device
     from ..errors import ConfigError
+    from ..files.open_scene import open_scene
     from ..geometry import Mesh
-    from ..rendering.open_scene import open_scene
     from ..rendering.scene_stats import measure_scene
     from ..stats import measure_tree
     from ..stats.tree_plot import check_plot_path, write_tree_plot
@@ -142,9 +142,9 @@ def stats(
 
 def _measure_rays(bvh: Bvh, view: View, device: DeviceInfo | None) -> dict[str, dict[str, float]]:
     """Return the mean counts per ray, for each kind of rays."""
-    from ..rendering.cameras.bounds import SceneBounds
     from ..rendering.heat_map import mean_steps, measure_rays
-    from ..rendering.view_finder import ViewFinder
+    from ..view.cameras.bounds import SceneBounds
+    from ..view.view_finder import ViewFinder
 
     finder = ViewFinder(SceneBounds.of_mesh(bvh.mesh))
     steps = measure_rays(bvh, finder.camera(finder.complete(view)), view.width / view.height, device=device)

@@ -46,7 +46,8 @@ def turntable(
     cluster
         Scheduler of a Dask cluster whose workers render the frames, such as tcp://host:8786.
     """
-    from ..rendering.series import check_animation, check_frame_count, render_turntable
+    from ..files.animations import check_animation
+    from ..rendering.series import check_frame_count, render_turntable
 
     # All input is checked before any work.
     check_animation(output, frame_rate)

@@ -22,14 +22,14 @@ from ..choices import REPORT_SHADINGS
 from ..device.info import DeviceInfo
 from ..device.select import choose_device
 from ..errors import ConfigError, ValidationError
-from ..rendering.cameras.camera import Camera
 from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
-from ..rendering.view import View
 from ..trace.hits.hits import AllHits, Hits
 from ..trace.tracer import Tracer
 from ..trace.world.trees import BRUTE
 from ..tree_layouts import TREE_LAYOUTS
+from ..view.cameras.camera import Camera
+from ..view.view import View
 from .cases import Case, make_cases
 from .expected import EXPECTED_PATH, Expected, ExpectedAnswers, digest_of, load_expected, store_expected
 

@@ -18,12 +18,12 @@ from dask.delayed import Delayed, delayed
 from numpy.typing import NDArray
 
 from ..errors import QueryError
-from ..rendering.open_scene import SceneLike
+from ..files.open_scene import SceneLike
 from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
 from ..rendering.scene_ref import SceneRef, open_renderer, open_tracer
-from ..rendering.view import View
 from ..trace.tracer import Tracer
+from ..view.view import View
 
 __all__ = ["ambient_occlusion", "any_hit", "closest_hit", "closest_point", "count_hits", "render_frames"]
 

@@ -99,7 +99,11 @@ class Painter(Protocol):
 
 
 def render_frame(
-    caster: Caster, view: NDArray[np.void], painter: Painter, progress: Progress, times: CommandTimes | None = None
+    caster: Caster,
+    kernel_view: NDArray[np.void],
+    painter: Painter,
+    progress: Progress,
+    times: CommandTimes | None = None,
 ) -> tuple[NDArray[np.uint8], NDArray[np.void]]:
     """Return the colours and the hits of one view.
 
@@ -107,7 +111,7 @@ def render_frame(
     ----------
     caster : Caster
         A picture is a call of it.
-    view : (1,) `structs.VIEW`
+    kernel_view : (1,) `structs.VIEW`
     painter : Painter
     progress : Progress
         Where its launches are to be shorter than usual, bands are chosen so that one takes about this time.
@@ -127,7 +131,7 @@ def render_frame(
     DeviceError
         The device fails, or this process was forked from one that has used OpenCL.
     """
-    width, height = int(view["width"][0]), int(view["height"][0])
+    width, height = int(kernel_view["width"][0]), int(kernel_view["height"][0])
     hit_dtype = caster.world.hit_dtype
     check_memory(f"a picture of {width} x {height}", width * height * (_COLOUR_BYTES + hit_dtype.itemsize), SceneError)
     colours, hits = np.empty((height, width, _CHANNELS), np.uint8), np.empty((height, width), hit_dtype)
@@ -141,7 +145,7 @@ def render_frame(
         try:
             # Other programs take memory of the device, too: then bands are halved.
             most = max(1, fitting >> caster.calls.halvings)
-            _render_bands(call, view, painter, progress, most, colours, hits)
+            _render_bands(call, kernel_view, painter, progress, most, colours, hits)
         finally:
             session.times = shared_times
 
@@ -150,14 +154,14 @@ def render_frame(
 
 
 def _render_bands(
-    call: Call, view: NDArray[np.void], painter: Painter, progress: Progress, band_rows: int, colours: NDArray[Any],
-    hits: NDArray[Any],
+    call: Call, kernel_view: NDArray[np.void], painter: Painter, progress: Progress, band_rows: int,
+    colours: NDArray[Any], hits: NDArray[Any],
 ) -> None:  # fmt: skip
     """Fill the colours and the hits, at most this many rows at a time."""
     session, memory, (height, width), launch_s = call.session, call.memory, hits.shape, progress.launch_s
     sizes = {"view": VIEW.itemsize, "colours": band_rows * width * _CHANNELS, "hits": band_rows * width * hits.itemsize}
     buffers = {name: memory.buffer(name, for_mapping=False).take(size) for name, size in sizes.items()}
-    session.write(buffers["view"], view)
+    session.write(buffers["view"], kernel_view)
     first_row, row_count = 0, band_rows if launch_s >= LAUNCH_S else min(_FIRST_ROWS, band_rows)
     while first_row < height:
         end = min(first_row + row_count, height)
@@ -175,13 +179,13 @@ def _render_bands(
             row_count = min(max(tile_rows, fitting), band_rows)
 
 
-def develop_film(caster: Caster, view: NDArray[np.void], film: NDArray[np.float32]) -> NDArray[np.uint8]:
+def develop_film(caster: Caster, kernel_view: NDArray[np.void], film: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Return the colours of a film, (height, width, 4) uint8; see cl/kernels/develop.cl.
 
     Parameters
     ----------
     caster : Caster
-    view : (1,) `structs.VIEW`
+    kernel_view : (1,) `structs.VIEW`
     film : (height, width, 4) float32
         Means of samples.
     """
@@ -197,7 +201,7 @@ def develop_film(caster: Caster, view: NDArray[np.void], film: NDArray[np.float3
             "colours": band_rows * width * _CHANNELS,
         }
         buffers = {name: call.memory.buffer(name, for_mapping=False).take(size) for name, size in sizes.items()}
-        session.write(buffers["view"], view)
+        session.write(buffers["view"], kernel_view)
         for first_row in range(0, height, band_rows):
             rows = film[first_row : first_row + band_rows]
             session.write(buffers["film"], rows)

@@ -19,15 +19,15 @@ from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..device.open import open_device
 from ..errors import ConfigError
+from ..files.image_files import GAP, GROUND, TEXT_ROWS, draw_text
 from ..geometry import Mesh
 from ..scene.scene import Scene
 from ..scene.state import SceneState
 from ..trace.hits.closest import count_steps
 from ..trace.launch import Caster
 from ..trace.world.world import open_world
-from .cameras.camera import Camera
+from ..view.cameras.camera import Camera
 from .drawn_scene import DrawnScene
-from .image_files import GAP, GROUND, TEXT_ROWS, draw_text
 
 # Quantities that `clbvh render --heatmap` can show, and the title of their bar.
 QUANTITIES = {"nodes": "NODE STEPS", "triangles": "PRIMITIVE TESTS"}

@@ -20,14 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError, SceneError
+from ..files.image_files import encode_ppm, import_openexr, write_exr
 from ..geometry.appearance.srgb import linear_to_srgb
 from ..support.files import as_path, check_target, read_errors_as, read_regular, write_atomically
 from ..support.memory import check_memory
-from .cameras.camera import Camera
+from ..view.cameras.camera import Camera
+from ..view.view import View
 from .channels import CHANNELS, NextPose, Subject, check_channels
-from .image_files import encode_ppm, import_openexr, write_exr
 from .picture import Picture
-from .view import View
 
 
 @dataclass(frozen=True, eq=False, repr=False)

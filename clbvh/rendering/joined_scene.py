@@ -26,10 +26,10 @@ from ..support.forks import make_lock
 from ..trace.launch import Caster
 from ..trace.world.trees import BRUTE
 from ..trace.world.world import open_world
+from ..view.view import View
 from .drawn_scene import DrawnScene
 from .look_tables import find_all_corner_normals, has_whole_colours
 from .painters import Painters
-from .view import View
 
 # Of a joined mesh: its tree is built anew where instances move, in less than a second.
 _MOST_TRIANGLES = 2**20

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +12,12 @@ from ..errors import SceneError
 from ..geometry.appearance.srgb import linear_to_srgb
 from ..geometry.corners import Bounded
 from ..structs import CUTS, PROJECTIONS, VIEW
-from .cameras.bounds import SceneBounds
-from .cameras.camera import Camera
-from .cameras.lens import window_of
-from .cameras.projection import Fisheye, Orthographic, Panorama, name_of
-from .cameras.rays import find_ray_model
-from .view import View
+from ..view.cameras.camera import Camera
+from ..view.cameras.lens import window_of
+from ..view.cameras.projection import Fisheye, Orthographic, Panorama, name_of
+from ..view.cameras.rays import find_ray_model
+from ..view.ground import GROUND_GAP, Ground, sky_direction
+from ..view.view import View
 
 # Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
 _MOST_DISTANCE = 1e30
@@ -42,7 +40,7 @@ _ROUNDED_UP = 1.0 + 1e-5
 
 
 def make_kernel_view(
-    settings: View,
+    view: View,
     camera: Camera,
     space: Bounded,
     local_box: NDArray[np.floating] | None = None,
@@ -54,7 +52,7 @@ def make_kernel_view(
 
     Parameters
     ----------
-    settings : View
+    view : View
         Complete, see `ViewFinder`.
     camera : Camera
         In the scene's coordinates; the view is in local ones.
@@ -75,78 +73,76 @@ def make_kernel_view(
     SceneError
         The eye is too far away for float32, or the aspect ratio is not that of the camera's lens.
     """
-    view = np.zeros(1, VIEW)
+    kernel_view = np.zeros(1, VIEW)
     right, up, forward = camera.axes()
     eye = _locate_eye(camera, space)
-    view["eye"] = eye
-    view["eye_low"] = eye - view["eye"]
-    view["optical_axis"] = forward
-    _set_projection(view, camera, space.scale, settings.width, settings.height)
+    kernel_view["eye"] = eye
+    kernel_view["eye_low"] = eye - kernel_view["eye"]
+    kernel_view["optical_axis"] = forward
+    _set_projection(kernel_view, camera, space.scale, view.width, view.height)
 
-    view["is_studio_lit"] = is_studio_lit
-    if settings.light.direction is None:
-        left, above, near = _KEY_LIGHT if is_studio_lit or settings.shading == "studio" else _LIGHT
+    kernel_view["is_studio_lit"] = is_studio_lit
+    if view.light.direction is None:
+        left, above, near = _KEY_LIGHT if is_studio_lit or view.shading == "studio" else _LIGHT
         towards = above * up - left * right - near * forward
     else:
-        towards = np.asarray(settings.light.direction, np.float64)
-    view["to_light"] = towards / np.linalg.norm(towards)
-    view["light_colour"] = settings.light.colour
-    view["to_sky"] = sky_direction(settings, camera)
-    view["sky_colour"] = settings.light.sky
-    view["ground_colour"] = settings.light.ground
-    view["surface_colour"] = settings.surface
-    view["background_top"], view["background_bottom"] = settings.background
+        towards = np.asarray(view.light.direction, np.float64)
+    kernel_view["to_light"] = towards / np.linalg.norm(towards)
+    kernel_view["light_colour"] = view.light.colour
+    kernel_view["to_sky"] = sky_direction(view, camera)
+    kernel_view["sky_colour"] = view.light.sky
+    kernel_view["ground_colour"] = view.light.ground
+    kernel_view["surface_colour"] = view.surface
+    kernel_view["background_top"], kernel_view["background_bottom"] = view.background
 
     box = (space.local_box if local_box is None else local_box).astype(np.float64)
     is_round = isinstance(camera.projection, Fisheye | Panorama)
     framed = box if framed_box is None else framed_box.astype(np.float64)
     nearest, farthest = _range_around(framed, eye) if is_round else _range_along(framed, eye, forward)
     # A mesh without depth is drawn white.
-    view["depth_near"], view["depth_far"] = nearest, farthest if farthest > nearest else nearest + 1.0
-    view["width"], view["height"] = settings.width, settings.height
-    view["shading"] = SHADINGS[settings.shading]
+    kernel_view["depth_near"], kernel_view["depth_far"] = nearest, farthest if farthest > nearest else nearest + 1.0
+    kernel_view["width"], kernel_view["height"] = view.width, view.height
+    kernel_view["shading"] = SHADINGS[view.shading]
     half_diagonal = np.linalg.norm(np.ptp(box, axis=0)) / 2
     if ground is not None:
-        gap = GROUND_GAP * half_diagonal if settings.shading == "path" else 0.0
-        view["ground_point"] = space.to_local(ground.point) - gap * ground.normal
-        view["ground_normal"], view["ground_radius"] = ground.normal, ground.radius * space.scale
-    view["objects_centre"], view["objects_radius"] = box.mean(axis=0), _ROUNDED_UP * half_diagonal
-    view["objects_half_size"] = _ROUNDED_UP * np.ptp(box, axis=0) / 2 + (_ROUNDED_UP - 1.0) * half_diagonal
-    view["occlusion_reach"] = _OCCLUSION_REACH * np.linalg.norm(np.ptp(framed, axis=0)) / 2
-    view["has_sun"] = any(settings.light.colour)
-    view["is_headlight"] = settings.light.direction is None and bool(((framed[0] < eye) & (eye < framed[1])).all())
-    view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**settings.exposure
+        gap = GROUND_GAP * half_diagonal if view.shading == "path" else 0.0
+        kernel_view["ground_point"] = space.to_local(ground.point) - gap * ground.normal
+        kernel_view["ground_normal"], kernel_view["ground_radius"] = ground.normal, ground.radius * space.scale
+    kernel_view["objects_centre"], kernel_view["objects_radius"] = box.mean(axis=0), _ROUNDED_UP * half_diagonal
+    kernel_view["objects_half_size"] = _ROUNDED_UP * np.ptp(box, axis=0) / 2 + (_ROUNDED_UP - 1.0) * half_diagonal
+    kernel_view["occlusion_reach"] = _OCCLUSION_REACH * np.linalg.norm(np.ptp(framed, axis=0)) / 2
+    kernel_view["has_sun"] = any(view.light.colour)
+    kernel_view["is_headlight"] = view.light.direction is None and bool(((framed[0] < eye) & (eye < framed[1])).all())
+    kernel_view["light_spread"], kernel_view["exposure"] = _LIGHT_SPREAD, 2.0**view.exposure
     secant = np.hypot(1.0, _LIGHT_SPREAD)
-    view["sun_width"] = _LIGHT_SPREAD**2 / (secant * (secant + 1.0))
-    view["most_light"] = np.inf if settings.clamp is None else settings.clamp
-    view["tone_curve"] = TONE_CURVES[settings.curve]
-    if (cut := settings.cut) is not None:
-        view["cut"] = CUTS[cut.kind]
+    kernel_view["sun_width"] = _LIGHT_SPREAD**2 / (secant * (secant + 1.0))
+    kernel_view["most_light"] = np.inf if view.clamp is None else view.clamp
+    kernel_view["tone_curve"] = TONE_CURVES[view.curve]
+    if (cut := view.cut) is not None:
+        kernel_view["cut"] = CUTS[cut.kind]
         with np.errstate(over="ignore"):
             if cut.kind == "plane":
-                view["cut_normal"], view["cut_height"] = cut.normal, (eye - space.to_local(cut.first)) @ cut.normal
+                kernel_view["cut_normal"], kernel_view["cut_height"] = (
+                    cut.normal,
+                    (eye - space.to_local(cut.first)) @ cut.normal,
+                )
             else:
-                view["cut_lower"], view["cut_upper"] = space.to_local(cut.first) - eye, space.to_local(cut.second) - eye
-    if settings.wireframe is not None:
-        view["line_width"] = settings.wireframe.width
+                kernel_view["cut_lower"], kernel_view["cut_upper"] = (
+                    space.to_local(cut.first) - eye,
+                    space.to_local(cut.second) - eye,
+                )
+    if view.wireframe is not None:
+        kernel_view["line_width"] = view.wireframe.width
         # After the exposure and the tone curve of the picture.
-        colour = np.asarray(settings.wireframe.colour, np.float64)
-        if settings.shading in REPORT_SHADINGS:
-            view["line_colour"] = linear_to_srgb(colour)
+        colour = np.asarray(view.wireframe.colour, np.float64)
+        if view.shading in REPORT_SHADINGS:
+            kernel_view["line_colour"] = linear_to_srgb(colour)
         else:
-            light = _invert_filmic(colour) if settings.curve == "filmic" else colour
-            view["line_colour"] = light / 2.0**settings.exposure
-    view["is_transparent"], view["seed"] = settings.transparent, settings.seed
-    view["most_bounces"] = settings.max_bounces
-    return view
-
-
-def sky_direction(settings: View, camera: Camera) -> NDArray[np.float64]:
-    """Return (3,) float64: the unit vector upwards in the settings."""
-    # The `up` of a camera with a lens, and that of one that looks straight down, is the picture's, not the world's.
-    is_of_world = camera.lens is None and settings.side is None
-    to_sky = np.asarray(camera.up if is_of_world else settings.up, np.float64)
-    return to_sky / np.linalg.norm(to_sky)
+            light = _invert_filmic(colour) if view.curve == "filmic" else colour
+            kernel_view["line_colour"] = light / 2.0**view.exposure
+    kernel_view["is_transparent"], kernel_view["seed"] = view.transparent, view.seed
+    kernel_view["most_bounces"] = view.max_bounces
+    return kernel_view
 
 
 def _locate_eye(camera: Camera, space: Bounded) -> NDArray[np.float64]:
@@ -185,15 +181,15 @@ _MOST_EXTENT = 1e30
 _Axes = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 
-def _set_projection(view: NDArray[np.void], camera: Camera, scale: float, width: int, height: int) -> None:
+def _set_projection(kernel_view: NDArray[np.void], camera: Camera, scale: float, width: int, height: int) -> None:
     """Write the fields of the projection and of the lens into a view.
 
     Parameters
     ----------
-    view : (1,) `structs.VIEW`
+    kernel_view : (1,) `structs.VIEW`
     camera : Camera
     scale : float
-        Local units in one unit of the settings.
+        Local units in one unit of the scene.
     width, height : int, pixels
 
     Raises
@@ -209,26 +205,26 @@ def _set_projection(view: NDArray[np.void], camera: Camera, scale: float, width:
             middle, right, up = _span_picture(camera, width, height, axes)
         case None:
             kind = "distorted"
-            view["centre"] = window.centre_x, window.centre_y
-            view["half_size"] = window.half_width, window.half_height
-            view["shear"] = window.shear
-            view["distortion"] = model.distortion
+            kernel_view["centre"] = window.centre_x, window.centre_y
+            kernel_view["half_size"] = window.half_width, window.half_height
+            kernel_view["shear"] = window.shear
+            kernel_view["distortion"] = model.distortion
         case Orthographic():
             right, up = window.half_width * scale * right, window.half_height * scale * up
         case Fisheye(degrees):
-            view["half_size"] = window.half_width, window.half_height
-            view["half_angle"] = math.radians(degrees) / 2 / (2 * math.pi)
-    view["projection"] = PROJECTIONS[kind]
-    view["forward"] = middle
-    view["forward_low"] = middle - view["forward"]
-    view["right"], view["up"] = right, up
+            kernel_view["half_size"] = window.half_width, window.half_height
+            kernel_view["half_angle"] = math.radians(degrees) / 2 / (2 * math.pi)
+    kernel_view["projection"] = PROJECTIONS[kind]
+    kernel_view["forward"] = middle
+    kernel_view["forward_low"] = middle - kernel_view["forward"]
+    kernel_view["right"], kernel_view["up"] = right, up
     radius = camera.aperture / 2 * scale
     if radius != 0:
-        view["has_lens"] = 1
+        kernel_view["has_lens"] = 1
         with np.errstate(over="ignore"):  # refused below
-            view["lens_right"], view["lens_up"] = radius * axes[0], radius * axes[1]
-            view["inverse_focus"] = 1 / (camera.focus * scale)
-    extents = [np.abs(view[name]).max() for name in ("right", "up", "lens_right", "lens_up")]
+            kernel_view["lens_right"], kernel_view["lens_up"] = radius * axes[0], radius * axes[1]
+            kernel_view["inverse_focus"] = 1 / (camera.focus * scale)
+    extents = [np.abs(kernel_view[name]).max() for name in ("right", "up", "lens_right", "lens_up")]
     if not max(extents) < _MOST_EXTENT:
         raise SceneError(f"the camera's height or aperture is more than {_MOST_EXTENT:.0e} sizes of the mesh")
 
@@ -245,70 +241,6 @@ def _span_picture(camera: Camera, width: int, height: int, axes: _Axes) -> _Axes
     upwards = up + window.shear * right
     middle = forward + window.centre_x * right + window.centre_y * upwards
     return middle, window.half_width * right, window.half_height * upwards
-
-
-# The radius up to which shadows are shown, in half diagonals of the box around all objects: a soft shadow of something
-# as high as wide ends well within it.
-_RADIUS = 4.0
-
-# The ground of `path` lies below the plane by this share of that: surfaces that stand on the plane, and rays that begin
-# at them, are above it by more than float32 rounds off.
-GROUND_GAP = 2e-5
-
-
-class Ground(NamedTuple):
-    """A plane below all objects.
-
-    Attributes
-    ----------
-    point : (3,) float64, the scene's coordinates
-        Below the middle of the objects.
-    normal : (3,) float64
-        Unit vector upwards.
-    radius : float, the scene's unit
-        Up to which shadows are shown.
-    """
-
-    point: NDArray[np.float64]
-    normal: NDArray[np.float64]
-    radius: float
-
-
-def is_lit_as_studio(settings: View, camera: Camera, bounds: SceneBounds) -> bool:
-    """Return whether `path` lights a scene without lamps as `studio` does.
-
-    So it does where nobody has chosen a light, other than its direction, and the eye is outside the box around what
-    counts: not in a room.
-    """
-    is_chosen = (replace(settings.light, direction=None), settings.background) != (View.light, View.background)
-    if settings.shading != "path" or settings.environment is not None or is_chosen:
-        return False
-    eye = (np.asarray(camera.eye) - bounds.origin) * bounds.scale
-    return not ((bounds.local_box[0] < eye) & (eye < bounds.local_box[1])).all()
-
-
-def shows_ground(settings: View) -> bool:
-    """Return whether a picture of a scene has a ground."""
-    if settings.shading == "path":
-        return bool(settings.ground)
-    return settings.shading == "studio" and settings.ground is not False
-
-
-def find_ground(bounds: SceneBounds, up: NDArray[np.float64]) -> Ground:
-    """Return the highest plane that no object reaches below.
-
-    Parameters
-    ----------
-    bounds : SceneBounds
-        What stands on the ground.
-    up : (3,) float64, of any length
-    """
-    normal = up / np.linalg.norm(up)
-    box = bounds.local_box.astype(np.float64)
-    middle = box.mean(axis=0)
-    point = middle + (bounds.lowest(normal) - middle @ normal) * normal
-    half_diagonal = float(np.linalg.norm(np.ptp(box, axis=0))) / 2
-    return Ground(bounds.origin + point / bounds.scale, normal, _RADIUS * half_diagonal / bounds.scale)
 
 
 def _invert_filmic(colour: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -18,15 +18,12 @@ from ..errors import SceneError
 from ..geometry import Mesh
 from ..geometry.appearance.appearance import Appearance, find_flat_normals
 from ..geometry.appearance.material import OPAQUE, Material, Texture
-from ..geometry.appearance.srgb import srgb_to_linear
+from ..geometry.appearance.srgb import LUMINANCE, srgb_to_linear
 from ..geometry.joined_shapes import JoinedMeshes, batch_small
 from ..geometry.smooth_normals import MOST_SMOOTHED, find_tangents, smooth_normals_by_angle, smooth_small
 from ..geometry.spheres import Shape
 from ..layouts.pack_normals import pack_normals, pack_tangents
 from ..structs import FLAT_FACE, LIGHT, LIGHT_CHOICE, LOOK, MATERIAL, TEXTURE, TEXTURE_WRAPS
-
-# Weights of linear red, green and blue in the luminance (ITU-R BT.709).
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 # Spheres that a map stretches by more than this share are no lights that paths draw, as their area is not a sphere's.
 _MOST_STRETCH = 1e-4

@@ -23,12 +23,12 @@ from ..support.forks import make_lock
 from ..support.host_threads import side_by_side
 from ..trace.world.starts import AT_THE_ROOT, VIEW_KERNEL, find_entry_points
 from ..trace.world.world import World
+from ..view.view import View
 from .drawn_scene import DrawnScene
 from .frame import BORDER, DEVELOP, FILM_BYTES, Band
 from .look_tables import LightTables, find_lights, has_cutouts, has_normal_maps, make_light_tables, make_look_tables
 from .noisy_tiles import ALL_ALIKE, NoisyTiles
 from .progress import Progress
-from .view import View
 
 # Macros of kernels for views without a cut and without lines.
 NO_PARTS = {"HAS_CUT": 0, "HAS_WIREFRAME": 0}
@@ -283,7 +283,7 @@ class Painters:
             moved._tables = {}
         return moved
 
-    def painter(self, view: View, described: NDArray[np.void], progress: Progress) -> OneRayPainter | SamplePainter:
+    def painter(self, view: View, kernel_view: NDArray[np.void], progress: Progress) -> OneRayPainter | SamplePainter:
         """Return the painter of a picture, and fill what the view says of the light.
 
         Raises
@@ -303,13 +303,13 @@ class Painters:
             is_path = view.shading == "path"
             if is_path:
                 lights = self._find_lights()
-                described["light_count"], described["light_power"] = lights.count, lights.power
-            parts["HAS_GROUND"] = int(is_path and bool(described["ground_radius"][0] > 0))
+                kernel_view["light_count"], kernel_view["light_power"] = lights.count, lights.power
+            parts["HAS_GROUND"] = int(is_path and bool(kernel_view["ground_radius"][0] > 0))
             key = view.shading, view.smooth, *parts.values()
             shading, buffers = _keep(self._known, key, lambda: self._make_shading(view, parts))
-            described["has_cutouts"] = shading.has_cutouts
+            kernel_view["has_cutouts"] = shading.has_cutouts
             if is_path and view.environment is not None:
-                buffers = buffers | self._find_environment(view, described)
+                buffers = buffers | self._find_environment(view, kernel_view)
             return SamplePainter(shading, progress, buffers)
 
     def _upload(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
@@ -336,9 +336,9 @@ class Painters:
         looks, scene = self._scene.looks, self._scene
         return _keep(self._known, "lights", lambda: make_light_tables(looks.shapes, looks.shape_ids, scene.to_local()))
 
-    def _find_environment(self, view: View, described: NDArray[np.void]) -> dict[str, Any]:
+    def _find_environment(self, view: View, kernel_view: NDArray[np.void]) -> dict[str, Any]:
         """Return the environment on the device, where it stays for other pictures; describe how it is seen."""
-        from .environment_map import make_environment_tables  # most pictures have none
+        from .environment_tables import make_environment_tables  # most pictures have none
 
         assert view.environment is not None
 
@@ -347,7 +347,7 @@ class Painters:
             return tables, self._upload(tables.arrays)
 
         tables, buffers = _keep(self._environments, view.environment, make)
-        tables.describe(described, view)
+        tables.describe(kernel_view, view)
         return buffers
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
+from ..files.image_files import encode_picture, write_picture
 from ..geometry import Mesh
 from ..structs import NO_PRIM
 from ..support.host_threads import HostThreads
@@ -23,10 +24,9 @@ from ..trace.hits.hits import Hits
 from ..trace.hits.refine import RefinedHits, refine_closest
 from ..trace.hits.surface import Surface
 from ..trace.rays.batch import read_rays
-from .cameras.camera import Camera
-from .cut import Cut
+from ..view.cameras.camera import Camera
+from ..view.cut import Cut
 from .drawn_scene import DrawnScene
-from .image_files import encode_picture, write_picture
 
 
 @dataclass(frozen=True, eq=False, repr=False)

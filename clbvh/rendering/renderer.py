@@ -21,6 +21,7 @@ from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
 from ..device.times import CommandTimes
 from ..errors import ConfigError, QueryError, SceneError
+from ..files.open_scene import SceneLike, as_scene
 from ..geometry import Mesh
 from ..scene.handles import Instances, shorten
 from ..structs import VIEW
@@ -32,19 +33,19 @@ from ..support.stopwatch import Stopwatch, add_total
 from ..trace.hits.hits import Hits
 from ..trace.launch import Caster
 from ..trace.tracer import Opening, Plans, Tracer
-from .cameras.camera import Camera
-from .cameras.projection import Fisheye
+from ..view.cameras.camera import Camera
+from ..view.cameras.projection import Fisheye
+from ..view.ground import is_lit_as_studio
+from ..view.view import MAX_SAMPLES, View
+from ..view.view_finder import ViewFinder
 from .drawn_scene import DrawnScene
 from .frame import develop_film, render_frame
 from .joined_scene import JoinedScene, JoinedScenes
-from .kernel_view import is_lit_as_studio, make_kernel_view
-from .open_scene import SceneLike, as_scene
+from .kernel_view import make_kernel_view
 from .options import RenderOptions
 from .painters import Painters, open_session
 from .picture import Picture, refine_pixels
 from .progress import LAUNCH_S, Progress
-from .view import MAX_SAMPLES, View
-from .view_finder import ViewFinder
 
 if TYPE_CHECKING:
     from .images import Images
@@ -315,16 +316,16 @@ class Renderer(ContextManager):
         traced = joined or drawn
         space, ground = traced.scene.space, finder.ground(view, camera)
         boxes = scene.bounds.box_in(space), ground, finder.bounds(view).box_in(space)
-        described = make_kernel_view(view, camera, space, *boxes, is_studio_lit)
-        painter = traced.painters.painter(view, described, progress)
-        colours, found = render_frame(traced.caster, described, painter, progress, times)
+        kernel_view = make_kernel_view(view, camera, space, *boxes, is_studio_lit)
+        painter = traced.painters.painter(view, kernel_view, progress)
+        colours, found = render_frame(traced.caster, kernel_view, painter, progress, times)
         if joined is not None:
             found = joined.as_world_hits(found)
         if is_denoised:
             assert progress.film is not None
             hits = refine_pixels(scene.surface, camera, found)
             normals = find_shading_normals(hits, scene.state.shapes, view.smooth)
-            colours = self._denoise(progress.film, normals, view, described, traced)
+            colours = self._denoise(progress.film, normals, view, kernel_view, traced)
         rgb = np.empty((*found.shape, 3), np.uint8)
         for channel in range(3):  # 14 times as fast as colours[..., :3].copy()
             rgb[..., channel] = colours[..., channel]
@@ -355,18 +356,18 @@ class Renderer(ContextManager):
         return check_pixels(picture)
 
     def _denoise(
-        self, film: NDArray[np.float32], normals: NDArray[np.float64], view: View, described: NDArray[np.void],
+        self, film: NDArray[np.float32], normals: NDArray[np.float64], view: View, kernel_view: NDArray[np.void],
         traced: _Drawn | JoinedScene,
     ) -> NDArray[np.uint8]:  # fmt: skip
         """Take the noise out of a film of the picture of a view, in place; return its colours."""
         from .denoise import GUIDE_SAMPLES, denoise_film
 
         guide = Progress(GUIDE_SAMPLES, film=np.empty_like(film))
-        plain = traced.painters.painter(replace(view, shading="albedo"), described, guide)
-        render_frame(traced.caster, described, plain, guide)
+        plain = traced.painters.painter(replace(view, shading="albedo"), kernel_view, guide)
+        render_frame(traced.caster, kernel_view, plain, guide)
         assert guide.film is not None
         denoise_film(film, guide.film, normals)
-        return develop_film(traced.caster, described, film)
+        return develop_film(traced.caster, kernel_view, film)
 
     def images(
         self,

@@ -17,6 +17,8 @@ from ..builders.tree_options import TreeOptions
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..errors import SceneError
+from ..files.open_scene import SceneLike, as_scene, open_scene
+from ..files.scene_file import save_scene
 from ..geometry import Shape
 from ..scene.scene import Scene
 from ..scene.state import SAVED_SCENE
@@ -26,11 +28,9 @@ from ..support.folders import is_writable
 from ..support.opened import open_once
 from ..trace.tracer import Opening, Tracer
 from ..trace.world.trees import check_fit
-from .open_scene import SceneLike, as_scene, open_scene
+from ..view.view import View
 from .options import RenderOptions
 from .renderer import Renderer
-from .scene_file import save_scene
-from .view import View
 
 # Files that name no others: their bytes are the scene. Saved scenes are such files, too.
 _WHOLE_FILES = (".ply", ".stl", ".off", ".glb")

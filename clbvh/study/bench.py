@@ -21,13 +21,13 @@ from ..builders.options import FAST_QUALITY
 from ..builders.processes.pool import SubtreePool
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
+from ..files.image_files import write_picture
 from ..geometry import Mesh
-from ..rendering.cameras.camera import Camera
-from ..rendering.cameras.framing import frame_mesh
-from ..rendering.image_files import write_picture
 from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
 from ..support.host_threads import usable_cores
+from ..view.cameras.camera import Camera
+from ..view.cameras.framing import frame_mesh
 from .machine import Machine
 from .samples import NotMeasuredError
 from .scale import Scale, load_named_mesh

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Mesh
-from ..rendering.cameras.camera import Camera
 from ..rendering.picture import Picture
 from ..scene.state import SceneState
 from ..structs import NO_PRIM
 from ..trace.hits.hits import Hits
+from ..view.cameras.camera import Camera
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ..bvh import Bvh
-from ..rendering.open_scene import SceneLike, as_scene
+from ..files.open_scene import SceneLike, as_scene
 from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
-from ..rendering.view import View
 from ..support.say_once import say_once
+from ..view.view import View
 from .serve import serve
 from .session import FIRST_SHADING, Send, Session
 

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..errors import ConfigError
-from ..rendering.cameras.projection import Projection, text_of
-from ..rendering.cut import Cut
-from ..rendering.environment_map import EnvironmentMap
-from ..rendering.scene_file import plain_view
-from ..rendering.settings import Setting, list_settings, settings_of
-from ..rendering.view import View
+from ..files.scene_file import plain_view
+from ..view.cameras.projection import Projection, text_of
+from ..view.cut import Cut
+from ..view.environment_map import EnvironmentMap
+from ..view.settings import Setting, list_settings, settings_of
+from ..view.view import View
 
 
 def phrase_command(sources: Sequence[str], own: View, view: View) -> str:

@@ -22,13 +22,13 @@ import numpy as np
 
 from ..choices import REPORT_SHADINGS, SHADINGS, STANDARD_VIEWS
 from ..errors import ClbvhError, ConfigError
-from ..rendering.cameras.arrays import as_vector
-from ..rendering.cameras.camera import Camera
-from ..rendering.image_files import encode_picture
+from ..files.image_files import encode_picture
 from ..rendering.picture import Picture
 from ..rendering.renderer import Renderer
-from ..rendering.settings import Vector
-from ..rendering.view import View
+from ..view.cameras.arrays import as_vector
+from ..view.cameras.camera import Camera
+from ..view.settings import Vector
+from ..view.view import View
 from . import navigate
 from .inspect import Picked, describe_hit, encode_mask, place_marks
 from .phrase import phrase_command, phrase_python

@@ -14,8 +14,8 @@ from typing import Any
 
 from mkdocs.structure.files import File, Files
 
-from clbvh.rendering.settings import list_settings
-from clbvh.rendering.view import View
+from clbvh.view.settings import list_settings
+from clbvh.view.view import View
 
 _REPOSITORY = Path(__file__).parents[2]
 _DOCS = "docs/"

@@ -21,7 +21,7 @@ import pytest
 import trimesh
 
 from clbvh.cli.app import VERBS, make_app
-from clbvh.rendering.scene_file import parse_scene_file
+from clbvh.files.scene_file import parse_scene_file
 from tests.cli.command import run_clbvh
 
 from .snippets import PAGES, REPOSITORY, Snippet, find_inline_commands, find_snippets, list_commands

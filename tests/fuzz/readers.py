@@ -20,8 +20,8 @@ import numpy as np
 
 from clbvh import Bvh, ClbvhError, Mesh, Spheres, build, load_mesh, validate_tree
 from clbvh.bvh import serialize
+from clbvh.files.scene_file import parse_scene_file, read_scene_file
 from clbvh.geometry.loading.spheres_file import read_spheres
-from clbvh.rendering.scene_file import parse_scene_file, read_scene_file
 
 from ..soup import make_soup
 from ..unit.geometry.gltf_files import pack_glb

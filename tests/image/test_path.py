@@ -9,7 +9,7 @@ import trimesh
 import clbvh
 from clbvh import Appearance, Light, Material, Mesh, Renderer, Scene, SceneError, Spheres, View
 from clbvh.rendering import frame
-from clbvh.rendering.environment_map import find_axes, make_environment_tables, solid_angles
+from clbvh.rendering.environment_tables import find_axes, make_environment_tables, solid_angles
 from clbvh.rendering.kernel_view import _LIGHT_SPREAD
 
 SIDE = 12  # pixels of most pictures

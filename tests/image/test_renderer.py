@@ -146,7 +146,7 @@ class TestRenderersOfTracers:
     def test_they_show_what_it_is_at_now_and_share_its_trees(self, tracer):
         with (
             Renderer(tracer, VIEW) as renderer,
-            Renderer(tracer, VIEW, shading="path", samples=2, smooth=True) as second,
+            Renderer(tracer, VIEW, shading="path", samples=2, smooth=30) as second,
         ):
             counts = []
             for step in range(6):

@@ -8,7 +8,7 @@ import pytest
 
 import clbvh
 from clbvh.layouts.pack_normals import pack_normals
-from clbvh.rendering.environment_map import find_axes, make_environment_tables
+from clbvh.rendering.environment_tables import find_axes, make_environment_tables
 from clbvh.rendering.look_tables import TextureTables
 from clbvh.structs import VIEW
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from clbvh import Scene, Tracer, load_mesh, make_shape
-from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.study.engines import Open3D
 from clbvh.trace.check.intersections import Rays
 from clbvh.trace.check.reference import Reference
+from clbvh.view.cameras.framing import frame_mesh
 
 from ..rays import as_float32, centred, random_rays
 

@@ -11,8 +11,8 @@ import pytest
 
 import clbvh
 from clbvh import AppearanceWarning, Bvh, ConfigError, MeshError, SceneError, TreeFileError, load_mesh, open_scene
+from clbvh.files.scene_file import read_scene_file
 from clbvh.geometry.loading.spheres_file import read_spheres
-from clbvh.rendering.scene_file import read_scene_file
 
 from ..unit.geometry.test_stl_off import facet, make_stl
 

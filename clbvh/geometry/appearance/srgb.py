@@ -10,6 +10,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+# Weights of linear red, green and blue in the luminance (ITU-R BT.709).
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
 _LINEAR_END, _SLOPE, _OFFSET, _POWER = 0.04045, 12.92, 0.055, 2.4
 _MAX_BYTE = 255
 _STEPS = 1 << 16

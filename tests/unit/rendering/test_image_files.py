@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from clbvh import Camera, ConfigError, Images, SceneError
-from clbvh.rendering import image_files as files
+from clbvh.files import image_files as files
 from clbvh.rendering.channels import CHANNELS
-from clbvh.rendering.image_files import read_exr
 from clbvh.rendering.images import check_images_path, encode_channel, read_camera
+from clbvh.view.environment_files import read_environment_map, read_exr, read_radiance
 
 RGB = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
 
@@ -66,13 +66,13 @@ def test_environment_maps_are_colours_or_grey(tmp_path):
     path, pixels = tmp_path / "a.exr", np.random.default_rng(0).uniform(-0.1, 9, (3, 6, 3)).astype(np.float16)
     for names in ("RGB", "Y"):
         path.write_bytes(encode_exr({name: pixels[..., number] for number, name in enumerate(names)}))
-        read = files.read_environment_map(path)
+        read = read_environment_map(path)
         assert read.dtype == np.float32
         assert (read == np.maximum(pixels[..., : len(names)], 0)).all()
     for channels, words in (({"Y": np.float32([[1, np.nan]])}, "finite"), ({"R": pixels[..., 0]}, "this file has R")):
         path.write_bytes(encode_exr(channels))
         with pytest.raises(SceneError, match=words):
-            files.read_environment_map(path)
+            read_environment_map(path)
 
 
 HEAD = b"#?RADIANCE\n# made by a test\nFORMAT=32-bit_rle_rgbe\n\n"
@@ -111,17 +111,17 @@ def test_radiance_pixels_are_those_of_the_formula(tmp_path):
     for size in ((1, 8), (3, 9), (5, 700)):
         rgbe, colours = make_rgbe(*size)
         for compressed in (True, False):
-            pixels = files.read_radiance(write(path, rgbe, compressed=compressed))
+            pixels = read_radiance(write(path, rgbe, compressed=compressed))
             assert pixels.dtype == np.float32
             assert (pixels == colours).all()
     rgbe, colours = make_rgbe(2, 3)
-    assert (files.read_environment_map(str(write(tmp_path / "b.HDR", rgbe, compressed=False))) == colours).all()
+    assert (read_environment_map(str(write(tmp_path / "b.HDR", rgbe, compressed=False))) == colours).all()
     # Exposures are divided out, and other orders are turned.
     rgbe, colours = make_rgbe(2, 9)
     head = HEAD.replace(b"\n\n", b"\nEXPOSURE= 4\nEXPOSURE=0.5\n\n")
-    assert (files.read_radiance(write(path, rgbe, head=head)) == colours / 2).all()
-    assert (files.read_radiance(write(path, rgbe, size=b"+Y 2 +X 9\n")) == colours[::-1]).all()
-    assert (files.read_radiance(write(path, rgbe, size=b"-Y 2 -X 9\n")) == colours[:, ::-1]).all()
+    assert (read_radiance(write(path, rgbe, head=head)) == colours / 2).all()
+    assert (read_radiance(write(path, rgbe, size=b"+Y 2 +X 9\n")) == colours[::-1]).all()
+    assert (read_radiance(write(path, rgbe, size=b"-Y 2 -X 9\n")) == colours[:, ::-1]).all()
 
 
 def test_damaged_radiance_files_are_refused(tmp_path):
@@ -142,7 +142,7 @@ def test_damaged_radiance_files_are_refused(tmp_path):
     for content, words in rows:
         path.write_bytes(content)
         with pytest.raises(SceneError, match=words):
-            files.read_radiance(path)
+            read_radiance(path)
     # Any change of bytes gives pixels or one error.
     generator, whole = np.random.default_rng(0), write(path, make_rgbe(4, 20)[0]).read_bytes()
     for _ in range(200):
@@ -151,7 +151,7 @@ def test_damaged_radiance_files_are_refused(tmp_path):
             changed[at : at + generator.integers(0, 3)] = generator.bytes(int(generator.integers(0, 4)))
         path.write_bytes(changed)
         with suppress(SceneError):
-            assert files.read_radiance(path).ndim == 3
+            assert read_radiance(path).ndim == 3
 
 
 HEIGHT, WIDTH = 5, 7

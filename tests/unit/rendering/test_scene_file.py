@@ -22,12 +22,12 @@ from clbvh import (
     load_mesh,
     open_scene,
 )
-from clbvh.rendering.cameras.bounds import SceneBounds
-from clbvh.rendering.open_scene import as_scene
-from clbvh.rendering.scene_file import parse_scene_file, plain_view, read_scene_file, view_of_plain
-from clbvh.rendering.view_finder import guess_up
+from clbvh.files.open_scene import as_scene
+from clbvh.files.scene_file import parse_scene_file, plain_view, read_scene_file, view_of_plain
 from clbvh.scene.copies import Grid, Scatter
 from clbvh.support.folders import find_folder
+from clbvh.view.cameras.bounds import SceneBounds
+from clbvh.view.view_finder import guess_up
 
 from ..geometry.gltf_files import Gltf
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from clbvh import Tracer, make_shape
-from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.trace import put_rays
 from clbvh.trace.hits import all_hits as all_hits_module, search
 from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.rays.coherence import sort_rays
 from clbvh.trace.world.tree_box import TreeBox
+from clbvh.view.cameras.framing import frame_mesh
 
 from ...rays import aim, order_by_keys, random_rays
 

@@ -37,11 +37,11 @@ from ..scene.scene import Scene
 from ..scene.serialize import material_of_table, material_table, write_scene
 from ..scene.transforms import Transform
 from ..support.files import read_errors_as, read_regular
-from .cameras.camera import Camera
-from .cameras.lens import Lens
-from .cameras.projection import DEFAULT_UP, text_of
-from .settings import Vector, as_plain, change_settings, say_unknown
-from .view import View
+from ..view.cameras.camera import Camera
+from ..view.cameras.lens import Lens
+from ..view.cameras.projection import DEFAULT_UP, text_of
+from ..view.settings import Vector, as_plain, change_settings, say_unknown
+from ..view.view import View
 
 _MAX_FILE_BYTES = 1 << 20  # a scene has a few hundred
 
