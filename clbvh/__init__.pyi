@@ -54,6 +54,7 @@ from .scene.scene import Scene as Scene
 from .scene.state import SceneState as SceneState
 from .scene.transforms import Transform as Transform
 from .stats import TreeStats as TreeStats, measure_tree as measure_tree
+from .support.settings import Vector as Vector
 from .support.version import __version__ as __version__
 from .trace.hits.device_hits import DeviceHits as DeviceHits
 from .trace.hits.hits import AllHits as AllHits, Hits as Hits
@@ -69,6 +70,5 @@ from .view.cameras.lens import Lens as Lens
 from .view.cameras.projection import Fisheye as Fisheye, Orthographic as Orthographic, Panorama as Panorama
 from .view.cut import Cut as Cut
 from .view.environment_map import EnvironmentMap as EnvironmentMap
-from .view.settings import Vector as Vector
 from .view.view import Light as Light, View as View, Wireframe as Wireframe
 from .viewer.open import view as view

@@ -66,7 +66,7 @@ class ConfigError(ClbvhError, ValueError):
     >>> import clbvh
     >>> clbvh.BuildOptions(bins=1)
     Traceback (most recent call last):
-    clbvh.errors.ConfigError: bins must be 2 to 64, not 1
+    clbvh.errors.ConfigError: bins must be a whole number from 2 to 64, or None, not 1
     """
 
 

@@ -10,7 +10,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import ConfigError
-from .options import DEFAULT_BUILDER, BuildOptions, check_workers
+from ..support.settings import Kind, check_settings, only, setting
+from .options import DEFAULT_BUILDER, WORKERS, BuildOptions
+
+_BUILDER_HELP = (
+    "sah, or a variant of the report's ladder: sequential, naive, range, cached, median, bin, atomic, flatten, flat or "
+    "frontier; for pictures also brute: no tree."
+)
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str)
+
+
+def _is_path(value: object) -> bool:
+    return isinstance(value, Path)
 
 
 @dataclass(frozen=True)
@@ -30,18 +44,16 @@ class TreeOptions:
         Folder in which trees are looked up and kept; None for no cache.
     """
 
-    builder: str = DEFAULT_BUILDER
-    workers: int | None = None
+    builder: str = setting(DEFAULT_BUILDER, _BUILDER_HELP, Kind("a name", only(_is_text)))
+    workers: int | None = setting(None, "Threads that build, at most.", WORKERS, shown="one per usable processor")
     build: BuildOptions = field(default_factory=BuildOptions)
-    cache: Path | None = None
+    cache: Path | None = setting(None, "Folder for trees.", Kind("a pathlib.Path", only(_is_path), takes_arrays=True))
 
     def __post_init__(self) -> None:
         from .build import check_builder
 
+        check_settings(self, error=ConfigError)
         check_builder(self.builder, self.build, self._list_builders())
-        check_workers(self.workers)
-        if self.cache is not None and not isinstance(self.cache, Path):
-            raise ConfigError(f"cache must be a pathlib.Path or None, not {self.cache!r}")
 
     @staticmethod
     def _list_builders() -> tuple[str, ...]:

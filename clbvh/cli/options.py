@@ -5,8 +5,6 @@ Must not import numpy, nor what does: the help of a verb imports this.
 
 from __future__ import annotations
 
-import inspect
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -18,7 +16,7 @@ from cyclopts import Group, Parameter, Token
 from ..builders.options import BuildOptions
 from ..builders.tree_options import TreeOptions
 from ..rendering.options import RenderOptions
-from ..view.settings import list_settings
+from ..support.settings import list_settings, settings_of
 from ..view.view import View
 
 _Verb = TypeVar("_Verb", bound=Callable[..., None])
@@ -118,9 +116,8 @@ def read_changes(given: Given) -> dict[str, Any]:
 
 
 def list_tree_options(kind: type = RenderOptions, *, without: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return the options of a dataclass of tree options, with the texts of its docstring."""
+    """Return the options of a dataclass of tree options."""
     options: dict[str, Any] = {}
-    texts = _read_attributes(kind)
     for field in fields(kind):
         if field.name == "build":
             options |= list_tree_options(BuildOptions)
@@ -128,18 +125,10 @@ def list_tree_options(kind: type = RenderOptions, *, without: tuple[str, ...] = 
             options["cache"] = _make_option(bool, _CACHE_HELP, None, _TREE_PANEL)
             options["cache_dir"] = _make_option(Path, _FOLDER_HELP, _FOLDER_DEFAULT, _TREE_PANEL, metavar="DIR")
         else:
-            # The first of these types that the annotation names.
-            words = re.findall(r"\w+", str(field.type))
-            value_type = next(found for found in (str, bool, int, float) if found.__name__ in words)
-            options[field.name] = _make_option(value_type, texts.get(field.name), field.default, _TREE_PANEL)
+            setting = settings_of(kind)[field.name]
+            default, metavar = setting.shown or setting.default, setting.kind.metavar or None
+            options[field.name] = _make_option(setting.kind.option, setting.help, default, _TREE_PANEL, metavar=metavar)
     return {name: option for name, option in options.items() if name not in without}
-
-
-def _read_attributes(kind: type) -> dict[str, str]:
-    """Return the texts about the attributes in the docstrings of a dataclass and of those that it extends."""
-    docstrings = "\n".join(inspect.cleandoc(owner.__doc__ or "") for owner in reversed(kind.__mro__))
-    entries = re.findall(r"^(\w+) : .*((?:\n    .+)+)", docstrings, re.MULTILINE)
-    return {name: " ".join(re.sub('`|"', "", text).split()) for name, text in entries}
 
 
 def make_options(kind: type[_Options], given: Given) -> _Options:

@@ -9,9 +9,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..builders.tree_options import TreeOptions
+from ..support.settings import Kind, flag, setting
 
 if TYPE_CHECKING:
     from ..device.info import DeviceInfo
+
+
+def _read_layout(layout: str) -> str:
+    from ..trace.world.trees import check_layout
+
+    check_layout(layout)
+    return layout
 
 
 @dataclass(frozen=True)
@@ -38,15 +46,14 @@ class RenderOptions(TreeOptions):
     'bvh4'
     """
 
-    device: DeviceInfo | str | int | None = None
-    layout: str = "auto"
-    validate: bool = False
-
-    def __post_init__(self) -> None:
-        from ..trace.world.trees import check_layout
-
-        super().__post_init__()
-        check_layout(self.layout)
+    device: DeviceInfo | str | int | None = setting(
+        None, "A number, a part of a name, gpu or host; see `clbvh devices`.", Kind("a device", lambda device: device),
+        shown="a GPU, if there is one",
+    )  # fmt: skip
+    layout: str = setting(
+        "auto", "Layout of the tree on the device: bvh2, bvh4, bvh8, bvh8c, or auto.", Kind("a layout", _read_layout)
+    )
+    validate: bool = setting(False, "Check the tree, and compare a sample of pixels with a slow reference.", flag())
 
     @staticmethod
     def _list_builders() -> tuple[str, ...]:

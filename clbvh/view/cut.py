@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..errors import SceneError
-from .settings import Vector, vector
+from ..support.settings import Vector, vector
 
 if TYPE_CHECKING:
     import numpy as np

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..choices import REPORT_SHADINGS, SHADINGS, STANDARD_VIEWS, TONE_CURVES
 from ..errors import SceneError
-from .cameras.projection import DEFAULT_FOV, PROJECTION, UP, Fisheye, Orthographic, Panorama, check_focus
-from .cut import Cut, as_cut
-from .settings import (
+from ..support.settings import (
     Kind,
     Vector,
     change_settings,
@@ -25,6 +23,8 @@ from .settings import (
     vector,
     whole,
 )
+from .cameras.projection import DEFAULT_FOV, PROJECTION, UP, Fisheye, Orthographic, Panorama, check_focus
+from .cut import Cut, as_cut
 
 if TYPE_CHECKING:
     from .cameras.camera import Camera

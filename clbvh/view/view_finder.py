@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import Mesh, Shape, Spheres
+from ..support.settings import Vector
 from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
 from .cameras.framing import frame_scene, measure_side
 from .cameras.projection import Panorama
 from .ground import Ground, find_ground, shows_ground, sky_direction
-from .settings import Vector
 from .view import View
 
 _Found = TypeVar("_Found")

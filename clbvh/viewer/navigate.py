@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..support.settings import Vector
 from ..view.cameras.arrays import as_vector
 from ..view.cameras.camera import Camera
 from ..view.cameras.projection import Fisheye, Orthographic, Panorama
-from ..view.settings import Vector
 
 # Degrees by which the line of sight stays away from up and down, where the picture would flip over.
 _POLE = 0.5

@@ -25,9 +25,9 @@ from ..errors import ClbvhError, ConfigError
 from ..files.image_files import encode_picture
 from ..rendering.picture import Picture
 from ..rendering.renderer import Renderer
+from ..support.settings import Vector
 from ..view.cameras.arrays import as_vector
 from ..view.cameras.camera import Camera
-from ..view.settings import Vector
 from ..view.view import View
 from . import navigate
 from .inspect import Picked, describe_hit, encode_mask, place_marks

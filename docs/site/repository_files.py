@@ -14,7 +14,7 @@ from typing import Any
 
 from mkdocs.structure.files import File, Files
 
-from clbvh.view.settings import list_settings
+from clbvh.support.settings import list_settings
 from clbvh.view.view import View
 
 _REPOSITORY = Path(__file__).parents[2]

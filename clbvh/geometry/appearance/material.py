@@ -6,15 +6,14 @@ Brent Burley, "Physically Based Shading at Disney", 2012, for the parameters, as
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import MeshError
+from ...support.settings import Kind, Vector, check_settings, number, only, setting, vector
 from ..arrays import as_array
 
 WRAPS = ("repeat", "clamp", "mirror")
@@ -132,11 +131,18 @@ def copy_with_alpha(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 _TEXTURES = ("base_colour_texture", "metallic_roughness_texture", "emission_texture", "normal_texture")
 
-# The least and the most of each number and colour: of light and refraction as much as float32 arithmetic on a device
-# bears well.
-_LIMITS = dict.fromkeys(("alpha", "metallic", "roughness", "transmission"), (0.0, 1.0))
-_LIMITS |= {"alpha_cutoff": (0.0, math.inf), "normal_scale": (-100.0, 100.0), "ior": (1.0, 100.0)}
-_MOST_COLOUR = {"base_colour": 1.0, "emission": 1e12}
+# Light and refraction have limits that float32 arithmetic on a device bears well.
+_MOST_EMISSION, _MOST_IOR, _MOST_NORMAL_SCALE = 1e12, 100.0, 100.0
+
+
+_TEXTURE = Kind("a clbvh.Texture", only(lambda value: isinstance(value, Texture)), takes_arrays=True)
+
+
+def _read_cutoff(value: Any) -> float:
+    """Return an alpha that may be infinite: then nothing is there."""
+    if isinstance(value, bool) or not value >= 0:
+        raise ValueError
+    return float(value)
 
 
 @dataclass(frozen=True)
@@ -193,32 +199,25 @@ class Material:
     clbvh.errors.MeshError: the material's roughness must be a number from 0 to 1, not 2
     """
 
-    name: str = ""
-    base_colour: tuple[float, float, float] = (0.8, 0.72, 0.6)
-    alpha: float = 1.0
-    alpha_cutoff: float | None = None
-    metallic: float = 0.0
-    roughness: float = 0.5
-    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ior: float = 1.5
-    transmission: float = 0.0
-    base_colour_texture: Texture | None = None
-    metallic_roughness_texture: Texture | None = None
-    emission_texture: Texture | None = None
-    normal_texture: Texture | None = None
-    normal_scale: float = 1.0
+    name: str = setting("", "For messages.", Kind("a text", only(lambda value: isinstance(value, str))))
+    base_colour: Vector = setting((0.8, 0.72, 0.6), "Of a diffuse surface or a metal.", vector(0, 1))
+    alpha: float = setting(1.0, "How much of the surface is there.", number(0, 1))
+    alpha_cutoff: float | None = setting(
+        None, "Alpha from which the surface is there.", Kind("a number of at least 0", _read_cutoff)
+    )
+    metallic: float = setting(0.0, "Share of a metal.", number(0, 1))
+    roughness: float = setting(0.5, "0 is a mirror.", number(0, 1))
+    emission: Vector = setting((0.0, 0.0, 0.0), "Light that the surface sends out.", vector(0, _MOST_EMISSION))
+    ior: float = setting(1.5, "Index of refraction.", number(1, _MOST_IOR))
+    transmission: float = setting(0.0, "Share of light that goes through.", number(0, 1))
+    base_colour_texture: Texture | None = setting(None, "Multiplies the base colour and alpha.", _TEXTURE)
+    metallic_roughness_texture: Texture | None = setting(None, "Multiplies roughness and metallic.", _TEXTURE)
+    emission_texture: Texture | None = setting(None, "Multiplies the emission.", _TEXTURE)
+    normal_texture: Texture | None = setting(None, "Bends normals.", _TEXTURE)
+    normal_scale: float = setting(1.0, "Of bent normals.", number(-_MOST_NORMAL_SCALE, _MOST_NORMAL_SCALE))
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str):
-            raise MeshError(f"the material's name must be a text, not {self.name!r}")
-        for name, (least, most) in _LIMITS.items():
-            if name != "alpha_cutoff" or self.alpha_cutoff is not None:
-                object.__setattr__(self, name, self._check_number(name, least, most))
-        for name, most in _MOST_COLOUR.items():
-            object.__setattr__(self, name, self._check_colour(name, most))
-        for name in _TEXTURES:
-            if not isinstance(texture := getattr(self, name), Texture | None):
-                raise MeshError(f"the material's {name} must be a clbvh.Texture, not a {type(texture).__name__}")
+        check_settings(self, "the material's ", MeshError)
 
     @property
     def textures(self) -> tuple[Texture, ...]:
@@ -231,24 +230,6 @@ class Material:
         """Whether the surface is there wherever the mesh is, as far as the material says."""
         texture = self.base_colour_texture
         return self.alpha == 1.0 and (texture is None or texture.is_opaque)
-
-    def _check_number(self, name: str, least: float, most: float) -> float:
-        value: Any = getattr(self, name)
-        is_number = isinstance(value, Real) and not isinstance(value, bool)
-        if not is_number or not least <= value <= most:
-            limits = f"from {least:g} to {most:g}" if most < math.inf else f"of at least {least:g}"
-            raise MeshError(f"the material's {name} must be a number {limits}, not {value!r}")
-        return float(value)
-
-    def _check_colour(self, name: str, most: float) -> tuple[float, float, float]:
-        value: Any = getattr(self, name)
-        try:
-            numbers = tuple(float(number) for number in value)
-        except (TypeError, ValueError, OverflowError):
-            numbers = ()
-        if len(numbers) != 3 or not all(0 <= number <= most for number in numbers):
-            raise MeshError(f"the material's {name} must be three numbers from 0 to {most:g}, not {value!r}")
-        return numbers[0], numbers[1], numbers[2]
 
     def __repr__(self) -> str:
         """Show what differs from a material without arguments."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import SceneError
-from ..settings import Vector
+from ...support.settings import Vector
 
 
 def as_vector(values: Any) -> Vector:

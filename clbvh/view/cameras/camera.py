@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import SceneError
 from ...support.memory import check_memory
-from ..settings import Vector, check_settings, number, setting, vector
+from ...support.settings import Vector, check_settings, number, setting, vector
 from .arrays import as_vector, read_array
 from .lens import Lens, check_size
 from .pose import find_signs, make_axes, read_pose, rotate_about_axis

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...errors import SceneError
 from ...geometry import Mesh
-from ..settings import Vector
+from ...support.settings import Vector
 from .arrays import as_vector
 from .bounds import Reaches, SceneBounds
 from .camera import Camera

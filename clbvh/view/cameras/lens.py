@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import SceneError
-from ..settings import number, one_of, whole
+from ...support.settings import number, one_of, whole
 from .arrays import read_array, show_matrix
 
 # From the coordinates of a matrix to ours, where the pixel with index j covers the columns j to j + 1, as in OpenGL,

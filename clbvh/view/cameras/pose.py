@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...choices import STANDARD_VIEWS
 from ...errors import SceneError
-from ..settings import Vector, one_of
+from ...support.settings import Vector, one_of
 from .arrays import as_vector, read_array, show_matrix
 
 CONVENTIONS = {"opencv": (1.0, -1.0, 1.0), "opengl": (1.0, 1.0, -1.0)}

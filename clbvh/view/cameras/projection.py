@@ -10,7 +10,7 @@ from dataclasses import astuple, dataclass
 from typing import Any, Literal
 
 from ...errors import SceneError
-from ..settings import Kind, Vector, check_settings, number, one_of, setting, vector
+from ...support.settings import Kind, Vector, check_settings, number, one_of, setting, vector
 
 
 @dataclass(frozen=True)

@@ -92,9 +92,9 @@ def test_wrong_looks_are_refused():
         rows.append((lambda change=change: make_looks(**change), message))
     for values, message in (
         ({"roughness": -0.1}, "roughness must be a number from 0 to 1, not -0.1"),
-        ({"base_colour": (1, 1, 2)}, "base_colour must be three numbers from 0 to 1"),
+        ({"base_colour": (1, 1, 2)}, "base_colour must be three finite numbers from 0 to 1"),
         ({"emission": (0, 0, 10**400)}, "emission must be"),
-        ({"base_colour_texture": GREY}, "must be a clbvh.Texture, not a ndarray"),
+        ({"base_colour_texture": GREY}, "must be a clbvh.Texture, or None, not array"),
     ):
         rows.append((lambda values=values: clbvh.Material(**values), message))
     for pixels, options, message in (

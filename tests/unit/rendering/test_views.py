@@ -9,7 +9,7 @@ import clbvh
 from clbvh import Camera, Fisheye, Light, Mesh, Orthographic, SceneError, View, Wireframe
 from clbvh.choices import SHADINGS
 from clbvh.rendering.kernel_view import make_kernel_view
-from clbvh.view.settings import list_settings
+from clbvh.support.settings import list_settings
 
 CAMERA = Camera((0, 0, 5), (0, 0, 0))
 NUMBER = [float("nan"), float("inf"), "1", True, 10**400]

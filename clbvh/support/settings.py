@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, TypeVar
 
-from ..errors import SceneError
+from ..errors import ClbvhError, SceneError
 
 _MAX_SHOWN = 80  # characters of a wrong value in a message
 
@@ -30,7 +30,7 @@ class Kind:
     text : str
         As messages and pages say it, behind "must be".
     read : function
-        Returns the value that is kept; raises `ValueError` or `TypeError` for another one, or `SceneError` with a
+        Returns the value that is kept; raises `ValueError` or `TypeError` for another one, or an error of clbvh with a
         sentence of its own.
     option : type
         Of the command line's option: int, float, bool or str.
@@ -49,16 +49,16 @@ class Kind:
     members: type | None = None
     takes_arrays: bool = False
 
-    def take(self, name: str, value: Any, or_none: str = "") -> Any:
-        """Return the value that is kept; raise a `SceneError` that begins with the name for any other one."""
+    def take(self, name: str, value: Any, or_none: str = "", error: type[ClbvhError] = SceneError) -> Any:
+        """Return the value that is kept; raise an error that begins with the name for any other one."""
         try:
             return self.read(value if self.takes_arrays else _as_python(value))
-        except SceneError as error:
+        except ClbvhError as reason:
             if isinstance(value, Mapping):  # the settings of a group
-                raise SceneError(f"{name}: {error}") from None
+                raise error(f"{name}: {reason}") from None
             raise
         except (TypeError, ValueError, OverflowError):
-            raise SceneError(f"{name} must be {self.text}{or_none}, not {_show(value)}") from None
+            raise error(f"{name} must be {self.text}{or_none}, not {_show(value)}") from None
 
 
 @dataclass(frozen=True)
@@ -89,19 +89,20 @@ class Setting:
     shown: str
     is_option: bool
 
-    def read(self, value: Any, prefix: str = "") -> Any:
-        """Return the value that is kept; raise `SceneError` for one that the setting does not take.
+    def read(self, value: Any, prefix: str = "", error: type[ClbvhError] = SceneError) -> Any:
+        """Return the value that is kept; raise an error for one that the setting does not take.
 
         Parameters
         ----------
         prefix : str
             Of the name in the message: that of a group, with an underscore.
+        error : type
         """
         if value is False and self.kind.members is not None:
             value = None
         if value is None and self.default is None:
             return None
-        return self.kind.take(prefix + self.name, value, ", or None" if self.default is None else "")
+        return self.kind.take(prefix + self.name, value, ", or None" if self.default is None else "", error)
 
 
 def setting(default: Any, help: str, kind: Kind, panel: str = "", *, shown: str = "", is_option: bool = True) -> Any:
@@ -135,18 +136,18 @@ def list_settings(owner: type) -> tuple[Setting, ...]:
     return tuple(listed)
 
 
-def check_settings(owner: Any, prefix: str = "") -> None:
-    """Replace the values of a frozen dataclass by those that are kept; raise `SceneError` for a wrong one.
+def check_settings(owner: Any, prefix: str = "", error: type[ClbvhError] = SceneError) -> None:
+    """Replace the values of a frozen dataclass by those that are kept; raise an error for a wrong one.
 
     Parameters
     ----------
-    prefix : str
+    prefix, error
         See `Setting.read`.
     """
     for name, each in settings_of(type(owner)).items():
         value = getattr(owner, name)
         if value is not each.default:
-            object.__setattr__(owner, name, each.read(value, prefix))
+            object.__setattr__(owner, name, each.read(value, prefix, error))
 
 
 def change_settings(owner: _Settings, changes: Mapping[str, Any]) -> _Settings:
