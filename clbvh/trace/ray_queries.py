@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ConfigError
-from ..geometry.arrays import is_device_array, on_host
+from ..geometry.arrays import is_device_array
 from .hits.all_hits import find_all_hits
 from .hits.closest import NO_LIMIT, count_hits, find_any_hits, find_closest_hits, find_closest_prims
 from .hits.device_hits import DeviceHits, download_hits, find_hits_on_device, put_hits
 from .hits.hits import AllHits, Hits
 from .launch import Caster, HasCaster
 from .put_rays import put_vectors
-from .rays.batch import RayBatch, read_device_rays, read_rays, read_vectors
+from .rays.batch import RayBatch, read_device_rays, read_rays, read_unmasked_rays, read_vectors
 from .rays.pieces import Progress
 
 
@@ -234,21 +234,16 @@ class RayQueries(HasCaster):
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None, *,
         are_refined: bool = False, to_device: bool = False,
     ) -> tuple[Caster, RayBatch]:  # fmt: skip
-        """Return rays, in the host's memory or on the caster's device, with the caster that casts them.
-
-        What has no instances on the device is seen by every mask but 0.
-        """
+        """Return rays, in the host's memory or on the caster's device, with the caster that casts them."""
         # Read once, because an update may replace it by one that masks differently.
         caster, read = self._caster, cast(Callable[..., Any], read_rays)
         are_usual = type(origins) is type(directions) is np.ndarray
         is_of_device = to_device or not (are_usual or not (is_device_array(origins) or is_device_array(directions)))
         if is_of_device and (vectors := put_vectors(caster, origins, directions, are_refined=are_refined)) is not None:
             read, (origins, directions) = read_device_rays, vectors
-        batch = read(origins, directions, t_min, t_max, mask)
-        if mask is not None and caster.world.is_lone:
-            t_max = np.where(np.asarray(on_host(mask)) == 0, -np.inf, on_host(t_max))
-            batch = read(origins, directions, t_min, t_max)
-        return caster, batch
+        if caster.world.is_lone:
+            return caster, read_unmasked_rays(origins, directions, t_min, t_max, mask, read)
+        return caster, read(origins, directions, t_min, t_max, mask)
 
 
 def check_max_hits(max_hits: int | None) -> int | None:

@@ -40,9 +40,9 @@ from .points.queries import POINT_BYTES
 from .points.refine import ClosestPoints, FoundPoints, refine_points
 from .points.search import Points, look_up
 from .ray_queries import check_max_hits
-from .rays.batch import Broadcast, RayBatch, check_room, read_rays
+from .rays.batch import Broadcast, RayBatch, check_room, read_unmasked_rays
 from .rays.pack import pack_rays
-from .rays.pieces import CHUNK_RAYS
+from .rays.pieces import CHUNK_RAYS, Progress
 from .world.surface_arrays import SurfacePoints, make_surface_arrays
 from .world.tree_box import TreeBox
 from .world.trees import check_layout
@@ -181,9 +181,12 @@ class ShardedTracer(ContextManager):
             self._session.close()
 
     def closest_hit(
-        self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
-    ) -> Hits:
+        self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None, progress: Progress | None = None,
+    ) -> Hits:  # fmt: skip
         """Return the nearest hit of each ray; see `Tracer.closest_hit`.
+
+        `progress` is called after each shard, with the share of the rays that corresponds to it.
 
         Raises
         ------
@@ -201,19 +204,20 @@ class ShardedTracer(ContextManager):
         >>> hits.t.round(2), hits.normals.round(1)[1]
         (array([4.  , 4.03]), array([0. , 0.2, 1. ]))
         """
-        batch = read_rays(origins, directions, t_min, t_max)
+        batch = read_unmasked_rays(origins, directions, t_min, t_max, mask)
         count = batch.ray_count
         check_room(count, _HIT_BYTES)
         hits = RefinedHits.make(count)
         hits.t[:], hits.u[:], hits.v[:], hits.is_front[:], hits.prim_id[:] = np.inf, 0.0, 0.0, False, NO_PRIM
         device_t = np.full(count, np.inf, np.float32)
         compare, visit = partial(_compare_rays, self._session), partial(_cast_closest, device_t=device_t, hits=hits)
-        self._visit(batch, compare, device_t, visit)
+        self._visit(batch, compare, device_t, visit, progress)
         return hits.reshape(*batch.shape).as_hits(ShardedSurface(self.shards))
 
     def closest_prim(
-        self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
-    ) -> NDArray[np.int32]:
+        self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None, progress: Progress | None = None,
+    ) -> NDArray[np.int32]:  # fmt: skip
         """Return (...,) int32: the face that `closest_hit` finds, -1 on a miss.
 
         Examples
@@ -224,11 +228,13 @@ class ShardedTracer(ContextManager):
         ...     tracer.closest_prim([[0.1, 0.2, 5], [3, 3, 5]], [0, 0, -1])
         array([151,  -1], dtype=int32)
         """
-        return self.closest_hit(origins, directions, t_min=t_min, t_max=t_max).prim_id
+        hits = self.closest_hit(origins, directions, t_min=t_min, t_max=t_max, mask=mask, progress=progress)
+        return hits.prim_id
 
     def any_hit(
-        self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
-    ) -> NDArray[np.bool_]:
+        self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None, progress: Progress | None = None,
+    ) -> NDArray[np.bool_]:  # fmt: skip
         """Return (...,) bool: whether each ray hits anything. Errors are those of `closest_hit`.
 
         Examples
@@ -239,7 +245,10 @@ class ShardedTracer(ContextManager):
         ...     tracer.any_hit([[0.1, 0.2, 5], [3, 3, 5]], [0, 0, -1])
         array([ True, False])
         """
-        return np.asarray(self.count_hits(origins, directions, t_min=t_min, t_max=t_max, max_hits=1) > 0)
+        counts = self.count_hits(
+            origins, directions, t_min=t_min, t_max=t_max, max_hits=1, mask=mask, progress=progress
+        )
+        return np.asarray(counts > 0)
 
     def count_hits(
         self,
@@ -249,6 +258,8 @@ class ShardedTracer(ContextManager):
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
         max_hits: int | None = None,
+        mask: ArrayLike | None = None,
+        progress: Progress | None = None,
     ) -> NDArray[np.int32]:
         """Return (...,) int32: the number of hits of each ray, `max_hits` at most; see `Tracer.count_hits`.
 
@@ -263,7 +274,7 @@ class ShardedTracer(ContextManager):
         array([2, 0], dtype=int32)
         """
         limit = check_max_hits(max_hits)
-        batch = read_rays(origins, directions, t_min, t_max)
+        batch = read_unmasked_rays(origins, directions, t_min, t_max, mask)
         counts, most = np.zeros(batch.ray_count, np.int32), limit or NO_LIMIT
         limits = np.full(batch.ray_count, np.inf, np.float32)
 
@@ -272,7 +283,7 @@ class ShardedTracer(ContextManager):
             counts[rays] += np.minimum(found, most - counts[rays])
             limits[rays[counts[rays] == most]] = -np.inf
 
-        self._visit(batch, partial(_compare_rays, self._session), limits, count)
+        self._visit(batch, partial(_compare_rays, self._session), limits, count, progress)
         return counts.reshape(batch.shape)
 
     def all_hits(
@@ -283,6 +294,8 @@ class ShardedTracer(ContextManager):
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
         max_hits: int | None = None,
+        mask: ArrayLike | None = None,
+        progress: Progress | None = None,
     ) -> AllHits:
         """Return all hits, grouped by ray and sorted by t, at most `max_hits` of each; see `Tracer.all_hits`.
 
@@ -297,10 +310,11 @@ class ShardedTracer(ContextManager):
         array([4.03, 5.97])
         """
         limit = check_max_hits(max_hits)
-        batch = read_rays(origins, directions, t_min, t_max)
+        batch = read_unmasked_rays(origins, directions, t_min, t_max, mask)
         limits = np.full(batch.ray_count, np.inf, np.float32)
         parts = [(np.empty(0, np.int64), np.empty(0, np.float32), RefinedHits.make(0))]
-        self._visit(batch, partial(_compare_rays, self._session), limits, partial(_cross, limit=limit, parts=parts))
+        compare, visit = partial(_compare_rays, self._session), partial(_cross, limit=limit, parts=parts)
+        self._visit(batch, compare, limits, visit, progress)
         rays, device_t = (np.concatenate([part[lane] for part in parts]) for lane in range(2))
         hits = RefinedHits(*map(np.concatenate, zip(*(found for _, _, found in parts), strict=True)))
         # In the order of the device, in which equal t are in the order of the faces.
@@ -315,7 +329,9 @@ class ShardedTracer(ContextManager):
         of_rays = hits.as_hits(ShardedSurface(self.shards))
         return AllHits(**vars(of_rays), offsets=running_sums(counts))
 
-    def closest_point(self, points: ArrayLike) -> ClosestPoints:
+    def closest_point(
+        self, points: ArrayLike, *, mask: ArrayLike | None = None, progress: Progress | None = None
+    ) -> ClosestPoints:
         """Return the closest point of the surface for each point; see `Tracer.closest_point`.
 
         Errors are those of `closest_hit`.
@@ -328,18 +344,24 @@ class ShardedTracer(ContextManager):
         ...     tracer.closest_point([[0, 0, 5], [0, 3, 0]]).distance.round(2)
         array([4., 2.])
         """
-        seen = SeenPoints.read(points)
+        seen = SeenPoints.read(points, mask)
         count = seen.count
         check_room(count, POINT_BYTES, "points")
         found = FoundPoints.make(count)
         found.distance[:], found.point[:], found.prim_id[:], found.instance_id[:] = np.inf, np.nan, NO_PRIM, NO_PRIM
         squares = np.full(count, np.inf, np.float32)
-        self._visit(seen.rows, _compare_points, squares, partial(_find_nearer, squares=squares, found=found))
+        visit = partial(_find_nearer, squares=squares, found=found)
+        self._visit(seen.rows, _compare_points, squares, visit, progress)
+        # Every other mask sees a mesh.
+        is_blind = np.broadcast_to(seen.masks == 0, seen.shape).reshape(-1)
+        found.distance[is_blind], found.point[is_blind] = np.inf, np.nan
+        found.prim_id[is_blind] = found.instance_id[is_blind] = NO_PRIM
         return found.as_closest(seen.shape, np.zeros(1, np.int32))
 
     def _visit(
-        self, items: Any, compare: Callable[..., None], limits: NDArray[np.float32], visit: Callable[..., object]
-    ) -> None:
+        self, items: Any, compare: Callable[..., None], limits: NDArray[np.float32], visit: Callable[..., object],
+        progress: Progress | None,
+    ) -> None:  # fmt: skip
         """Call a function with each shard that some of the rays or points may meet, with those, and their indices.
 
         Parameters
@@ -351,12 +373,16 @@ class ShardedTracer(ContextManager):
             As the device has them; may become less with every visit.
         visit : function
             Called with the shard's `Caster`, its faces' numbers in the whole mesh, the items and their indices.
+        progress : function, optional
+            Of the user.
         """
         with self._lock:
             if self._session.is_closed:
                 raise QueryError("the tracer is closed: its shards are no longer there")
             bits, order = self._compare(items, compare, self._boxes, limits)
-            for number in order:
+            for visited, number in enumerate(order):
+                if progress is not None and visited:
+                    progress(len(limits) * visited // len(order), len(limits))
                 opened, box = self._open(number), self._boxes[number : number + 1]
                 ids = np.flatnonzero(bits[:, number >> 3] & (1 << (number & 7)))
                 for begin in range(0, len(ids), CHUNK_RAYS):
@@ -366,6 +392,8 @@ class ShardedTracer(ContextManager):
                     chosen = chosen[is_near[:, 0] > 0]
                     if len(chosen):
                         visit(opened.caster, opened.prim_ids, items.take(chosen), chosen)
+            if progress is not None:
+                progress(len(limits), len(limits))
 
     def _compare(
         self, items: Any, compare: Callable[..., None], boxes: NDArray[np.float32], limits: NDArray[np.float32]

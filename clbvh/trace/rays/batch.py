@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
@@ -168,6 +168,18 @@ def read_rays(
         A wrong shape, shapes that do not broadcast, or a limit that is out of range.
     """
     return _make_batch(read_vectors(origins, "origins"), read_vectors(directions, "directions"), t_min, t_max, mask)
+
+
+def read_unmasked_rays(
+    origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None,
+    read: Callable[..., RayBatch] = read_rays,
+) -> RayBatch:  # fmt: skip
+    """Return rays at a shape without instances, which every mask but 0 sees; errors are those of `read_rays`."""
+    batch = read(origins, directions, t_min, t_max, mask)
+    if mask is None:
+        return batch
+    t_max = np.where(np.asarray(on_host(mask)) == 0, -np.inf, on_host(t_max))
+    return read(origins, directions, t_min, t_max)
 
 
 def read_device_rays(

@@ -176,6 +176,25 @@ def test_a_shard_leaves_the_device_before_the_next_one_is_there(folder, mesh, mo
     assert not any(counts)
 
 
+def test_a_mask_of_zero_sees_nothing_and_progress_ends_with_all(mesh, folder):
+    origins, directions = make_rays(mesh, 300)[:2]
+    mask = np.random.default_rng(1).integers(0, 3, len(origins))
+    done = []
+    with clbvh.ShardedTracer(folder) as sharded, clbvh.Tracer(mesh) as whole:
+        for name in ("closest_hit", "closest_prim", "any_hit", "count_hits", "all_hits"):
+            ask = [
+                getattr(each, name)(origins, directions, mask=mask, progress=lambda *told: done.append(told))
+                for each in (sharded, whole)
+            ]
+            expected = ask[1].t if hasattr(ask[1], "t") else ask[1]
+            assert np.array_equal(ask[0].t if hasattr(ask[0], "t") else ask[0], expected), name
+            assert done[-1] == (300, 300)
+        near = sharded.closest_point(origins, mask=mask, progress=lambda *told: done.append(told))
+        assert_same(near, whole.closest_point(origins, mask=mask), "distance point prim_id instance_id")
+        assert (near.prim_id[mask == 0] == -1).all()
+        assert len({count for count, _ in done}) > 3
+
+
 def test_a_bad_ray_or_a_closed_tracer_is_refused_and_the_next_query_works(folder, mesh):
     with clbvh.ShardedTracer(folder) as tracer:
         for _ in range(2):
