@@ -578,6 +578,8 @@ class Renderer(ContextManager):
         view = finder.complete(self._find_view(view, changes))
         camera, size = finder.camera(view), (view.width, view.height)
         origins, directions = camera.rays_at(pixels, *size)
+        if view.cut is None and not isinstance(camera.projection, Fisheye):
+            return self.tracer.closest_hit(origins, directions)
         is_seen: Any = True
         if isinstance(camera.projection, Fisheye):  # outside its circle there are rays, too
             column, row = np.moveaxis(np.clip(pixels, 0, np.subtract(size, 1)).astype(int), -1, 0)

@@ -41,6 +41,7 @@ class ViewFinder:
     def __init__(self, whole: SceneBounds) -> None:
         self._whole = whole
         self._last: dict[str, tuple[Any, Any]] = {}
+        self._completed: tuple[View, View] | None = None
 
     def _keep(self, name: str, key: Any, find: Callable[[], _Found]) -> _Found:
         """Return what is found for a key; the last one of each name is kept."""
@@ -59,8 +60,12 @@ class ViewFinder:
 
     def complete(self, view: View) -> View:
         """Return the view with a direction that is up, and a cut in the scene's coordinates."""
-        up, cut = self._find_up(view).vector, view.cut and view.cut.resolved(*self._box)
-        return view if (up, cut) == (view.up, view.cut) else replace(view, up=up, cut=cut)
+        known = self._completed
+        if known is None or known[0] is not view:
+            up, cut = self._find_up(view).vector, view.cut and view.cut.resolved(*self._box)
+            complete = view if (up, cut) == (view.up, view.cut) else replace(view, up=up, cut=cut)
+            known = self._completed = view, complete
+        return known[1]
 
     @cached_property
     def _box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -183,9 +184,16 @@ class Camera:
         >>> right, up, forward
         (array([1., 0., 0.]), array([0., 0., 1.]), array([0., 1., 0.]))
         """
+        return self._axes
+
+    @cached_property
+    def _axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         with np.errstate(over="ignore"):  # refused by name
             forward = np.subtract(self.look_at, self.eye)
-        return make_axes(forward, np.asarray(self.up, np.float64))
+        axes = make_axes(forward, np.asarray(self.up, np.float64))
+        for axis in axes:
+            axis.flags.writeable = False
+        return axes
 
     def intrinsics(
         self, width: int | None = None, height: int | None = None, *, pixel_centres: str = "half"
@@ -473,7 +481,7 @@ class Camera:
         model, (right, up, forward) = self._ray_model(width, height), self.axes()
         x, y, z = (np.asarray(part, np.float64)[..., None] for part in model.directions(film_x, film_y))
         directions = z * forward + x * right + y * up
-        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        directions /= np.sqrt((directions * directions).sum(axis=-1, keepdims=True))
         eye = np.asarray(self.eye, np.float64)
         if not isinstance(self.projection, Orthographic):
             return np.broadcast_to(eye, directions.shape), directions

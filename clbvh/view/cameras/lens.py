@@ -220,10 +220,14 @@ def window_of(lens: Lens) -> Window:
     return Window(half_width / lens.fx, half_height / lens.fy, centre_x, centre_y, lens.skew / lens.fx)
 
 
+_SIDES = whole(1, _MOST)
+
+
 def check_size(width: Any, height: Any) -> tuple[int, int]:
     """Return the sides of a picture in pixels; raise `SceneError` for anything else."""
-    sides = whole(1, _MOST)
-    return sides.take("the width of a camera's picture", width), sides.take("the height of a camera's picture", height)
+    return _SIDES.take("the width of a camera's picture", width), _SIDES.take(
+        "the height of a camera's picture", height
+    )
 
 
 def _find_shift(pixel_centres: str) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -97,6 +98,7 @@ class RayModel:
             return self.window.film(np.where(is_seen, x, np.nan), np.where(is_seen, y, np.nan))
 
 
+@lru_cache(maxsize=64)
 def find_ray_model(projection: Projection | None, lens: Lens | None, fov: float, width: int, height: int) -> RayModel:
     """Return how the points of a picture of this size become rays; `fov` is that of a camera without a lens."""
     if lens is not None:
