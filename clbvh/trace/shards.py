@@ -473,10 +473,12 @@ class ShardedSurface(Surface):
         return None
 
     def _for_points(
-        self, compute: Callable[..., None], points: SurfacePoints, *more: NDArray[Any]
-    ) -> NDArray[np.float64]:
+        self, compute: Callable[..., None], points: SurfacePoints, *more: NDArray[Any],
+        into: NDArray[Any] | None = None, prepare: Callable[..., None] | None = None,
+    ) -> NDArray[Any]:  # fmt: skip
         shape = points.prim_id.shape
-        vectors = np.full((*shape, 3), np.nan)
+        vectors = np.full((*shape, 3), np.nan) if into is None else into
+        flat = vectors.reshape(-1, 3) if into is None else into
         prims, instances, us, vs = points.flat()
         others = [np.reshape(values, (len(prims), *values.shape[len(shape) :])) for values in more]
         for shard in self._shards:  # type: ignore[attr-defined]
@@ -485,8 +487,10 @@ class ShardedSurface(Surface):
             own = np.flatnonzero(prim_ids[faces] == prims)
             if len(own):
                 on_shard = SurfacePoints(faces[own], instances[own], us[own], vs[own])
-                found = Surface.of_mesh(mesh)._for_points(compute, on_shard, *(values[own] for values in others))
-                vectors.reshape(-1, 3)[own] = found
+                own_flat = None if into is None else np.empty(len(own), into.dtype)
+                flat[own] = Surface.of_mesh(mesh)._for_points(
+                    compute, on_shard, *(values[own] for values in others), into=own_flat, prepare=prepare
+                )
         return vectors
 
 

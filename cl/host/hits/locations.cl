@@ -23,6 +23,24 @@ loop void locate_points(
     }
 }
 
+// The unit normal of a primitive in the world, on the object's outer side.
+static double3 find_normal(
+    const surfaces_t *surfaces, const int instance, const int prim, const double u, const double v)
+{
+    if (prim == NO_PRIM) {
+        return (double3)(NAN);
+    }
+    const int geometry = surfaces->geometry_id[instance];
+    double3 normal;
+    if (surfaces->kind[geometry] == KIND_SPHERES) {
+        normal = sphere_point(u, v);
+    } else {
+        const wide_corners_t corners = load_wide_corners(surfaces, geometry, prim);
+        normal = normal_of(&corners, surfaces->scale[geometry]);
+    }
+    return turn_normal(surfaces, instance, normal).unit;
+}
+
 // Writes unit normals in the world, on the object's outer side.
 loop void find_normals(
     const ulong *arrays, const long count, const int prim_ids[count], const int instance_ids[count],
@@ -30,18 +48,21 @@ loop void find_normals(
 {
     const surfaces_t surfaces = surfaces_on_host(arrays);
     for (long hit = 0; hit < count; hit++) {
-        double3 normal = (double3)(NAN);
-        if (prim_ids[hit] != NO_PRIM) {
-            const int geometry = surfaces.geometry_id[instance_ids[hit]];
-            if (surfaces.kind[geometry] == KIND_SPHERES) {
-                normal = sphere_point(us[hit], vs[hit]);
-            } else {
-                const wide_corners_t corners = load_wide_corners(&surfaces, geometry, prim_ids[hit]);
-                normal = normal_of(&corners, surfaces.scale[geometry]);
-            }
-            normal = turn_normal(&surfaces, instance_ids[hit], normal).unit;
-        }
-        vstore3(normal, 0, normals[hit]);
+        vstore3(find_normal(&surfaces, instance_ids[hit], prim_ids[hit], us[hit], vs[hit]), 0, normals[hit]);
+    }
+}
+
+// Writes whether directions of any length lead to the object's outer side, or along the primitive.
+loop void find_sides(
+    const ulong *arrays, const long count, const int prim_ids[count], const int instance_ids[count],
+    const double us[count], const double vs[count], const double directions[count][3], bool is_front[count])
+{
+    const surfaces_t surfaces = surfaces_on_host(arrays);
+    for (long hit = 0; hit < count; hit++) {
+        const double3 normal = find_normal(&surfaces, instance_ids[hit], prim_ids[hit], us[hit], vs[hit]);
+        const double3 direction = load_wide_row(directions[hit], 0);
+        // The products of a tiny direction would underflow.
+        is_front[hit] = dot3(direction / largest_size(direction), normal) >= 0.0;
     }
 }
 

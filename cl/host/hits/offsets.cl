@@ -59,13 +59,9 @@ static footing_t stand_on_triangle(
     const double scale = surfaces->scale[geometry];
     const double3 origin = load_wide_row(surfaces->origin, geometry);
     const float *margins = surfaces->margins + 4 * (surfaces->first_face[geometry] + prim) + (is_front ? 0 : 2);
-    // In this order: another thread may find them meanwhile, see `store_margins` of hits/room.cl.
-    const float of_edges = margins[0];
-    __atomic_thread_fence(__ATOMIC_ACQUIRE);
-    const float of_corners = margins[1];
     footing_t footing = {
         (is_front ? 1.0 : -1.0) * normal_of(&corners, scale), (point_on(&corners, u, v) - origin) * scale, 0.0, 1.0,
-        INFINITY, of_edges, of_corners};
+        INFINITY, margins[0], margins[1]};
     const double3 places[3] = {
         (corners.a - origin) * scale, (corners.b - origin) * scale, (corners.c - origin) * scale};
     if (surfaces->rounding < FLOAT_ROUNDING) {
@@ -200,6 +196,22 @@ static double3 rise_from(
     return point + *height / scale * way;
 }
 
+// Points ahead whose triangles are fetched: their steps are too long for the processor to see the next points.
+#define AHEAD 4
+
+static void prefetch_prim(const surfaces_t *surfaces, const int instance, const int prim)
+{
+    const int geometry = surfaces->geometry_id[instance];
+    if (surfaces->kind[geometry] == KIND_SPHERES) {
+        return;
+    }
+    const int *face = face_at(surfaces, geometry, prim);
+    __builtin_prefetch(surfaces->margins + 4 * (surfaces->first_face[geometry] + prim), 0, 3);
+    for (int corner = 0; corner < 3; corner++) {
+        __builtin_prefetch(vertex_at(surfaces, surfaces->first_vertex[geometry] + face[corner]), 0, 3);
+    }
+}
+
 // Writes a point above each primitive, in world coordinates; NaN without one. Above is the outer side where `is_front`
 // is true: along the world's normal, or along the object's if the point is to be upright there.
 //
@@ -217,6 +229,9 @@ loop void offset_points(
     for (long hit = 0; hit < count; hit++) {
         const int prim = prim_ids[hit], instance = instance_ids[hit];
         heights[hit] = 0.0;
+        if (hit + AHEAD < count && prim_ids[hit + AHEAD] != NO_PRIM) {
+            prefetch_prim(&surfaces, instance_ids[hit + AHEAD], prim_ids[hit + AHEAD]);
+        }
         if (prim == NO_PRIM) {
             vstore3((double3)(NAN), 0, points[hit]);
             continue;
@@ -229,8 +244,7 @@ loop void offset_points(
         const double3 point = locate_point(&surfaces, instance, prim, u, v);
         double height;
         vstore3(rise_from(&surfaces, instance, &footing, point, reach, is_upright, &height), 0, points[hit]);
-        // The margins are 0 where they are not known yet.
-        if (footing.from_edge == 0.0 || min(min(u, v), w) < footing.from_edge * height ||
+        if (min(min(u, v), w) < footing.from_edge * height ||
             1.0 - max(max(u, v), w) < footing.from_corner * height) {
             heights[hit] = height;
         }

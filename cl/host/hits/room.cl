@@ -55,6 +55,13 @@ static double3 load_local(const local_mesh_t *mesh, const int vertex)
     return (load_wide_row(mesh->vertices[vertex], 0) - mesh->origin) * mesh->scale;
 }
 
+static wide_corners_t load_face(const local_mesh_t *mesh, const int face)
+{
+    const int *ids = mesh->faces[face];
+    const wide_corners_t corners = {load_local(mesh, ids[0]), load_local(mesh, ids[1]), load_local(mesh, ids[2])};
+    return corners;
+}
+
 static double length_of(const double3 v)
 {
     return sqrt(dot3(v, v));
@@ -271,25 +278,54 @@ static double2 find_place(
     return (double2)(u, v);
 }
 
-// Stores the margins of a side, the one last by which other threads know that both are there.
-static void store_margins(float *own, const float of_edges, const float of_corners)
+// Stores the margins of both sides of a face, of which the first one of each tells other threads that all are there.
+static void store_margins(float own[4], const double2 outer, const double2 inner)
 {
-    own[1] = of_corners;
+    own[1] = (float)outer.y;
+    own[3] = (float)inner.y;
     __atomic_thread_fence(__ATOMIC_RELEASE);
-    own[0] = of_edges;
+    own[0] = (float)outer.x;
+    own[2] = (float)inner.x;
+}
+
+// Finds the margins of faces of a mesh.
+//
+// vertices[][3], faces[][3], origin[3], scale, points[], begins[], around[]    of the mesh, and its `CornerFaces`
+// margins[face_count][4]    written, see `SurfaceArrays`
+// chosen[chosen_count]      the faces
+// wall_corners[][3][3]      written: has room for all faces around the corners of one of them
+loop void find_face_margins(
+    const double *vertices, const long face_count, const int faces[face_count][3], const double origin[3],
+    const double scale, const int *points, const int *begins, const int *around, float margins[face_count][4],
+    const long chosen_count, const int chosen[chosen_count], double *wall_corners)
+{
+    const local_mesh_t mesh = {
+        (const double (*)[3])vertices, faces, load_wide_row(origin, 0), scale, points, begins, around};
+    walls_t walls = {(double (*)[3][3])wall_corners, 0};
+    for (long item = 0; item < chosen_count; item++) {
+        const int face = chosen[item];
+        const wide_corners_t t = load_face(&mesh, face);
+        const double3 outer = normal_of(&t, 1.0);
+        double2 of_outer = (double2)(NO_WALLS), of_inner = of_outer;
+        if (!(find_least_cosine(&mesh, face, outer) >= LEAST_COSINE)) {
+            find_walls(&mesh, face, outer, &walls);
+            of_outer = find_margins(&t, outer, &walls);
+            of_inner = find_margins(&t, -outer, &walls);
+        }
+        store_margins(margins[face], of_outer, of_inner);
+    }
 }
 
 // Moves points on triangles of a mesh away from walls that are too close.
 //
-// vertices[][3], faces[][3], origin[3], scale, points[], begins[], around[]    of the mesh, and its `CornerFaces`
-// margins[face_count][4]    written, see `SurfaceArrays`
+// vertices[][3] to margins[face_count][4]    see `find_face_margins`
 // rows[row_count]     the points that are looked at, by their indices
 // wall_corners[][3][3]    written: has room for all faces around one of these points
 // us[count], vs[count]    written
 // heights[count]      written: of the start points above them, in local units; 0 where no wall can be too close
 loop void make_room(
     const double *vertices, const long face_count, const int faces[face_count][3], const double origin[3],
-    const double scale, const int *points, const int *begins, const int *around, float margins[face_count][4],
+    const double scale, const int *points, const int *begins, const int *around, const float margins[face_count][4],
     const long row_count, const long rows[row_count], double *wall_corners, const long count,
     const int prim_ids[count], double us[count], double vs[count], const bool is_front[count], double heights[count])
 {
@@ -299,32 +335,18 @@ loop void make_room(
     for (long item = 0; item < row_count; item++) {
         const long row = rows[item];
         const int face = prim_ids[row];
-        float *own = margins[face] + (is_front[row] ? 0 : 2);
-        const wide_corners_t t = {
-            load_local(&mesh, faces[face][0]), load_local(&mesh, faces[face][1]), load_local(&mesh, faces[face][2])};
-        const double3 outer = normal_of(&t, 1.0), normal = is_front[row] ? outer : -outer;
-        bool has_walls = false;
-        if (own[0] == 0.0f) {
-            if (find_least_cosine(&mesh, face, outer) >= LEAST_COSINE) {
-                store_margins(margins[face], NO_WALLS, NO_WALLS);
-                store_margins(margins[face] + 2, NO_WALLS, NO_WALLS);
-            } else {
-                find_walls(&mesh, face, outer, &walls);
-                has_walls = true;
-                const double2 found = find_margins(&t, normal, &walls);
-                store_margins(own, (float)found.x, (float)found.y);
-            }
-        }
+        const float *own = margins[face] + (is_front[row] ? 0 : 2);
+        const wide_corners_t t = load_face(&mesh, face);
         const double2 distances = find_distances(&t, us[row], vs[row]);
-        if (distances.x < own[0] * heights[row] || distances.y < own[1] * heights[row]) {
-            if (!has_walls) {
-                find_walls(&mesh, face, outer, &walls);
-            }
-            const double2 moved = find_place(&t, normal, &walls, heights[row], us[row], vs[row]);
-            us[row] = moved.x;
-            vs[row] = moved.y;
-        } else {
+        if (!(distances.x < own[0] * heights[row] || distances.y < own[1] * heights[row])) {
             heights[row] = 0.0;
+            continue;
         }
+        const double3 outer = normal_of(&t, 1.0);
+        find_walls(&mesh, face, outer, &walls);
+        const double2 moved =
+            find_place(&t, is_front[row] ? outer : -outer, &walls, heights[row], us[row], vs[row]);
+        us[row] = moved.x;
+        vs[row] = moved.y;
     }
 }

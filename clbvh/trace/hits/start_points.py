@@ -74,7 +74,7 @@ def offset_points(
     u, v = weights[..., -2].astype(np.float64), weights[..., -1].astype(np.float64)
     misses = np.minimum(np.minimum(u, v), 1 - u - v)
     if weights.shape[-1] == 3:
-        misses = np.minimum(misses, -np.abs(weights.sum(axis=-1) - 1))
+        misses = np.minimum(misses, -np.abs(weights[..., 0] + u + v - 1))
     if not (misses >= -_MOST_BARYCENTRIC_ERROR).all():
         raise QueryError(expected)
     try:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, cast
 
 import numpy as np
@@ -152,17 +152,37 @@ class Surface:
             smooth[hits] = np.where(is_kept[:, None], blended, smooth[hits])
         return smooth.reshape(normals.shape)
 
-    def find_sides(self, points: SurfacePoints, directions: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """Return (...) bool: whether each direction, (..., 3) float of any length, leads to the outer side."""
-        # The products of a tiny direction would underflow.
-        longest = np.abs(directions).max(axis=-1, keepdims=True, initial=0.0)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            heights = np.einsum("...i,...i->...", directions / longest, self.normals(points))
-        return np.asarray(heights >= 0.0)
+    def find_sides(self, points: SurfacePoints, directions: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return (...) bool: whether each direction, (..., 3) of any length, leads to the outer side."""
+        shape = points.prim_id.shape
+        sides = np.empty(shape, np.bool_)
+        self._for_points(_find_sides, points, directions, into=sides.reshape(-1))
+        return sides
 
     def offset_points(self, points: SurfacePoints, is_front: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return (..., 3) float64: start points of rays, next to points on the outer side or the inner one."""
-        return self._for_points(_offset, points, np.asarray(is_front, np.bool_))
+        return self._for_points(_offset, points, np.asarray(is_front, np.bool_), prepare=Surface._find_margins)
+
+    def _find_margins(self, prim_ids: NDArray[np.int32], instance_ids: NDArray[np.int32]) -> None:
+        """Find what start points need of the faces that points are on, as far as it is not known."""
+        arrays = self.arrays
+        hits = np.flatnonzero(prim_ids != NO_PRIM)
+        is_one = len(self.shapes) == 1  # then nothing is to be sorted
+        groups = ((0, hits),) if is_one else group_by_geometry(self.geometry_ids(instance_ids))
+        for geometry, rows in groups:
+            mesh, first = self.shapes[geometry], arrays.first_face[geometry]
+            if not isinstance(mesh, Mesh):
+                continue
+            margins, faces = arrays.margins[first : first + mesh.face_count], prim_ids[rows]
+            chosen = _find_distinct(faces[margins[faces, 2] == 0.0], mesh.face_count)
+            if len(chosen) == 0:
+                continue
+            find = partial(_find_face_margins, mesh, margins, chosen, _count_walls(mesh, chosen))
+            if len(chosen) < _FEW_POINTS:
+                find(0, len(chosen))
+                continue
+            with HostThreads() as threads:
+                threads.for_ranges(len(chosen), find)
 
     def _check_ids(self, prim_ids: NDArray[np.int32], instance_ids: NDArray[np.int32]) -> None:
         """Raise `QueryError` unless a surface has these primitives, (n,), but for those that are none."""
@@ -182,15 +202,21 @@ class Surface:
         return np.array([shape.prim_count for shape in self.shapes], np.int64)
 
     def _for_points(
-        self, compute: Callable[..., None], points: SurfacePoints, *more: NDArray[Any]
-    ) -> NDArray[np.float64]:
-        """Return (..., 3) float64: vectors that a function of the surface writes for points and more of their data."""
+        self, compute: Callable[..., None], points: SurfacePoints, *more: NDArray[Any],
+        into: NDArray[Any] | None = None, prepare: Callable[..., None] | None = None,
+    ) -> NDArray[Any]:  # fmt: skip
+        """Return what a function of the surface writes for points and more of their data: (..., 3) float64, or `into`.
+
+        Before, `prepare` is called with the surface and all primitives and instances.
+        """
         shape = points.prim_id.shape
-        vectors = np.empty((*shape, 3))
-        flat = vectors.reshape(-1, 3)
+        vectors = np.empty((*shape, 3)) if into is None else into
+        flat = vectors.reshape(-1, 3) if into is None else into
         others = (np.ascontiguousarray(values).reshape(len(flat), *values.shape[len(shape) :]) for values in more)
         inputs: list[NDArray[Any]] = [*points.flat(), *others]
         self._check_ids(*inputs[:2])
+        if prepare is not None:
+            prepare(self, *inputs[:2])
 
         def compute_part(begin: int, end: int) -> None:
             compute(self, *(values[begin:end] for values in inputs), flat[begin:end])
@@ -205,6 +231,10 @@ class Surface:
 
 def _locate(surface: Surface, *of_points: NDArray[Any]) -> None:
     _LOCATIONS.locate_points(surface.arrays.addresses, *of_points)
+
+
+def _find_sides(surface: Surface, *of_points: NDArray[Any]) -> None:
+    _LOCATIONS.find_sides(surface.arrays.addresses, *of_points)
 
 
 def _find_normals(surface: Surface, *of_points: NDArray[Any]) -> None:
@@ -230,14 +260,37 @@ def _offset(
     _OFFSETS.offset_points(arrays.addresses, reach, True, *points, moved, heights)
     for geometry, rows in group_by_geometry(surface.geometry_ids(points[1])):
         mesh, first = cast(Mesh, surface.shapes[geometry]), arrays.first_face[geometry]
-        around = mesh.corner_faces
-        corners = around.points[mesh.faces[points[0][rows]]]
-        most_walls = (around.begins[corners + 1] - around.begins[corners]).sum(axis=1).max()
         _ROOM.make_room(
-            mesh.vertices, mesh.faces, mesh.origin, mesh.scale, *around,
-            arrays.margins[first : first + mesh.face_count], rows, np.empty((most_walls, 3, 3)), points[0], *points[2:],
-            heights,
+            *_list_arrays(mesh), arrays.margins[first : first + mesh.face_count], rows,
+            np.empty((_count_walls(mesh, points[0][rows]), 3, 3)), points[0], *points[2:], heights,
         )  # fmt: skip
     is_moved = heights > 0.0
     _OFFSETS.offset_points(arrays.addresses, reach, True, *points, moved, heights)
     starts[crowded[is_moved]] = moved[is_moved]
+
+
+def _find_face_margins(
+    mesh: Mesh, margins: NDArray[np.float32], faces: NDArray[np.int32], walls: int, begin: int, end: int
+) -> None:
+    _ROOM.find_face_margins(*_list_arrays(mesh), margins, faces[begin:end], np.empty((walls, 3, 3)))
+
+
+def _find_distinct(ids: NDArray[np.int32], count: int) -> NDArray[np.int32]:
+    """Return ids, from 0 to count - 1, without repetitions; sorting many takes longer than to mark them."""
+    if len(ids) < count >> 4:
+        return np.unique(ids)
+    is_there = np.zeros(count, np.bool_)
+    is_there[ids] = True
+    return np.flatnonzero(is_there).astype(np.int32)
+
+
+def _list_arrays(mesh: Mesh) -> tuple[Any, ...]:
+    """Return what cl/host/hits/room.cl is told of a mesh."""
+    return mesh.vertices, mesh.faces, mesh.origin, mesh.scale, *mesh.corner_faces
+
+
+def _count_walls(mesh: Mesh, faces: NDArray[np.int32]) -> int:
+    """Return the most faces around the corners of one of some faces."""
+    around = mesh.corner_faces
+    corners = around.points[mesh.faces[faces]]
+    return int((around.begins[corners + 1] - around.begins[corners]).sum(axis=1).max())
