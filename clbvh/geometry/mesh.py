@@ -392,15 +392,21 @@ class Mesh(LocalFrame):
         return clbvh.offset_points(self, face_ids, barycentrics, towards)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the vertices and faces to a file: completely or not at all.
+        """Write the mesh to a file: completely or not at all.
 
-        Without appearance and parts; `Scene.save` keeps them.
+        An `AppearanceWarning` says what the file does not keep; `Scene.save` keeps all.
 
         Parameters
         ----------
         path : str or path
-            The suffix decides: ``.ply`` (binary) and ``.obj`` hold each float64 coordinate exactly, ``.stl`` (binary)
-            the corners of each face in float32.
+            The suffix decides:
+
+            - ``.ply`` (binary): each float64 coordinate, colours of vertices or faces, texture coordinates, and normals
+              where a vertex has one.
+            - ``.obj``: each float64 coordinate, colours of vertices, normals, texture coordinates and parts.
+            - ``.stl`` (binary): the corners of each face in float32.
+
+            None has materials and textures.
 
         Raises
         ------
@@ -422,7 +428,7 @@ class Mesh(LocalFrame):
         """
         from .write_mesh import write_mesh  # most meshes are not saved
 
-        write_mesh(path, self.vertices, self.faces, lambda: self.face_normals)
+        write_mesh(path, self)
 
     def to_trimesh(self) -> Any:
         """Return a `trimesh.Trimesh` of the same vertices and faces, copied, in the same order; without appearance.

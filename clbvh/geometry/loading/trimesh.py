@@ -100,7 +100,8 @@ def read_trimesh(data: bytes, path: Path, problems: Problems) -> FileParts:
     except ImportError as error:
         packages = PACKAGES[suffix]
         raise MeshError(
-            f"a .{suffix} file is read by trimesh, which needs {packages.replace(' ', ' and ')}: pip install {packages}"
+            f"a .{suffix} file is read by trimesh, which needs {packages.replace(' ', ' and ')}: run "
+            "'pip install \"clbvh[formats]\"'"
         ) from error
     return _as_file_parts(read_graph(scene))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -319,7 +320,7 @@ class Hits:
         return self._map(lambda values: values.reshape(-1)[rays])
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
-        """Return arrays of the leading shape by name, for a table: flat hits make a `pandas.DataFrame`.
+        """Return arrays of one axis by name, ray after ray in C order: `pandas.DataFrame` makes a table of them.
 
         Returns
         -------
@@ -343,7 +344,56 @@ class Hits:
             table["is_front"] = self.is_front
         if self.surface is not None:
             table |= zip("xyz", np.moveaxis(self.locations, -1, 0), strict=True)
-        return table
+        return {name: np.ravel(values) for name, values in table.items()}
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the points that were hit to a file for programs of point clouds: completely or not at all.
+
+        Parameters
+        ----------
+        path : str or path
+            ``.ply`` (binary), or ``.las`` or ``.laz``, which need laspy and round coordinates to 2^-30 of the largest
+            side of their box. Each point has x, y and z in float64; the normal nx, ny, nz on the side from which the
+            ray came, where that is known; t, the distance for directions of length 1; the number of its ray in C order,
+            ray_id; prim_id; and in a scene instance_id.
+
+        Raises
+        ------
+        ConfigError
+            Another suffix, laspy is missing, a file that cannot be written, or hits that do not know their mesh.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import tempfile
+        >>> import trimesh
+        >>> from pathlib import Path
+        >>> camera = clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0))
+        >>> with clbvh.Tracer(clbvh.make_shape("icosphere", triangles=320)) as tracer:
+        ...     scan = tracer.closest_hit(*camera.rays(64, 48))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     scan.save(Path(folder, "scan.ply"))
+        ...     trimesh.load(Path(folder, "scan.ply")).vertices.shape
+        (736, 3)
+        """
+        from ...geometry.write_points import write_points  # few hits are saved
+
+        surface, is_lone = self._known_surface(), self.known_instance_id is None
+        rays = np.flatnonzero(self.is_hit)
+        hits = self.take(rays)
+        normals: NDArray[np.float64] = hits.normals
+        columns = dict(zip("xyz", hits.locations.T, strict=True))
+        if self.is_front is not None:
+            normals = np.where(hits.is_front[:, None], normals, -normals)  # type: ignore[index]
+        columns |= zip(("nx", "ny", "nz"), normals.T.astype(np.float32), strict=True)
+        columns |= {"t": hits.t.astype(np.float64), "ray_id": self._ray_ids(rays), "prim_id": hits.prim_id}
+        if not (is_lone or surface.arrays.is_lone):
+            columns["instance_id"] = hits.instance_id
+        write_points(path, columns)
+
+    def _ray_ids(self, hits: NDArray[np.int64]) -> NDArray[np.int32]:
+        """Return the numbers of the rays of some hits."""
+        return hits.astype(np.int32)
 
     def __getitem__(self, index: Any) -> Hits:
         return self._map(lambda values: np.asarray(values[index]))
@@ -505,6 +555,9 @@ class AllHits(Hits):
         (array([0, 0, 1]), array([0.1, 0.1, 1. ]))
         """
         return {"ray_id": self.ray_id, **super().to_dict()}
+
+    def _ray_ids(self, hits: NDArray[np.int64]) -> NDArray[np.int32]:
+        return self.ray_id[hits].astype(np.int32)
 
     def __repr__(self) -> str:
         title = f"AllHits(rays={len(self.offsets) - 1:,}, hits={self.count:,}"

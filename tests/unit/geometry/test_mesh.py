@@ -2,12 +2,13 @@
 
 import copy
 import pickle
+import warnings
 
 import numpy as np
 import pytest
 import trimesh
 
-from clbvh import ConfigError, Material, Mesh, MeshError, Part, Transform, load_mesh
+from clbvh import Appearance, ConfigError, Material, Mesh, MeshError, Part, Transform, load_mesh
 from clbvh.geometry import mesh as mesh_module, topology
 from clbvh.geometry.spheres import with_material
 from clbvh.geometry.topology import find_equal_points, find_points
@@ -188,6 +189,56 @@ def test_a_saved_mesh_is_loaded_as_it_was(tmp_path, suffix, unit, shift):
         np.testing.assert_allclose(trimesh.load(tmp_path / "mesh.stl").face_normals, mesh.face_normals, atol=1e-6)
     with pytest.raises(ConfigError, match=r"must end in \.obj, \.ply, \.stl"):
         mesh.save(tmp_path / "mesh.gltf")
+
+
+class TestLooksOfSavedMeshes:
+    CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    FACES = np.array([[0, 1, 2], [0, 2, 3]])
+
+    def save(self, tmp_path, suffix, looks, **named):
+        mesh = Mesh.from_arrays(self.CORNERS, self.FACES, appearance=Appearance(**looks), **named)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            mesh.save(tmp_path / f"mesh{suffix}")
+            loaded = load_mesh(tmp_path / f"mesh{suffix}")
+        return mesh, loaded, " ".join(str(each.message) for each in caught)
+
+    @pytest.mark.parametrize("suffix", [".ply", ".obj"])
+    def test_what_a_vertex_has_is_loaded_as_it_was(self, tmp_path, suffix):
+        generator = np.random.default_rng(3)
+        colours = generator.integers(0, 256, (4, 4), np.uint8)
+        colours[:, 3] = 255
+        looks = {
+            "colours": colours[self.FACES],
+            "normals": generator.normal(size=(4, 3))[self.FACES],
+            "uvs": generator.random((2, 3, 2)),
+            "materials": [Material(base_colour=(1, 1, 1))],
+        }
+        mesh, loaded, told = self.save(tmp_path, suffix, looks)
+        assert told == ""
+        assert (loaded.vertices == mesh.vertices).all()
+        assert (loaded.faces == mesh.faces).all()
+        assert loaded.appearance.colours.tobytes() == mesh.appearance.colours.tobytes()
+        assert loaded.appearance.uvs.tobytes() == mesh.appearance.uvs.tobytes()
+        np.testing.assert_allclose(loaded.appearance.normals, mesh.appearance.normals, atol=1e-6)
+
+    def test_colours_of_faces_are_kept_where_the_format_has_them(self, tmp_path):
+        looks = {"colours": np.repeat(np.array([[[255, 0, 0, 9]], [[0, 255, 0, 255]]], np.uint8), 3, axis=1)}
+        mesh, loaded, told = self.save(tmp_path, ".ply", looks)
+        assert (loaded.appearance.colours == mesh.appearance.colours).all()
+        assert told == ""
+        for suffix, words in ((".obj", "colours that differ at a vertex and alpha"), (".stl", "colours")):
+            assert f"does not keep {words}: clbvh.Scene(mesh).save" in self.save(tmp_path, suffix, looks)[2]
+
+    def test_materials_and_parts_are_named_where_they_are_lost(self, tmp_path):
+        looks, parts = (
+            {"materials": [Material("gold", metallic=1)]},
+            (Part("one", 0, 1), Part("two", 1, 2)),
+        )
+        _, loaded, told = self.save(tmp_path, ".obj", looks, parts=parts)
+        assert [part.name for part in loaded.parts] == ["one", "two"]
+        assert "does not keep materials:" in told
+        assert "does not keep materials and parts:" in self.save(tmp_path, ".ply", looks, parts=parts)[2]
 
 
 def test_a_trimesh_has_arrays_of_its_own():

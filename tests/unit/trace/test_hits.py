@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+import trimesh
 
+import clbvh
 from clbvh import ConfigError, Hits, Mesh, QueryError, Scene, Spheres, Tracer
 from clbvh.integrations.trimesh.ray import order_by_depth
 from clbvh.structs import HIT
@@ -256,3 +258,42 @@ def test_spheres_of_any_size_and_distance_are_hit_at_their_distance(session):
         assert tracer.closest_hit([[5.0, 0, 0]], [[1e280, 0, 0]]).t.tolist() == [0.0]
     with Tracer(Scene(Spheres([[0.0, 0.0, 0.0]], 1e100)), device=session.info) as tracer:
         assert tracer.closest_hit([[1e300, 0, 0]], [[-1e-320, 0, 0]]).t > 1e308
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".las", ".laz"])
+def test_saved_hits_are_points_with_their_rays(session, tmp_path, suffix):
+    if suffix != ".ply":
+        pytest.importorskip("laspy")
+    scene = clbvh.Scene()
+    ball = scene.add(clbvh.make_shape("icosphere", triangles=320))
+    scene.place(ball)
+    scene.place(ball, clbvh.Transform(translate=(500_000, 4_000_000, 0)))
+    origins = np.array([[0.1, 0.2, 5], [9, 9, 9], [500_000.1, 4_000_000.2, 5]])
+    with clbvh.Tracer(scene) as tracer:
+        hits, all_hits = (ask(origins, [0, 0, -1]) for ask in (tracer.closest_hit, tracer.all_hits))
+    for found, rays in ((hits, [0, 2]), (all_hits, [0, 0, 2, 2])):
+        path = tmp_path / f"scan{suffix}"
+        found.save(path)
+        if suffix == ".ply":
+            data = trimesh.load(path, process=False).metadata["_ply_raw"]["vertex"]["data"]
+        else:
+            import laspy
+
+            data = laspy.read(path)
+        kept = found.take(np.flatnonzero(found.is_hit))
+        points = np.stack([np.asarray(data[axis]) for axis in "xyz"], axis=1)
+        np.testing.assert_allclose(points, kept.locations, rtol=0, atol=0 if suffix == ".ply" else 4e-3)
+        normals = np.stack([np.asarray(data[axis]) for axis in ("nx", "ny", "nz")], axis=1)
+        assert (normals[:, 2] > 0).all()  # towards where the rays come from, also inside
+        assert np.asarray(data["ray_id"]).tolist() == rays
+        assert np.asarray(data["prim_id"]).tolist() == kept.prim_id.tolist()
+        assert np.asarray(data["instance_id"]).tolist() == kept.instance_id.tolist()
+        np.testing.assert_array_equal(np.asarray(data["t"]), kept.t)
+    with pytest.raises(clbvh.ConfigError, match=r"must end in \.ply, \.las, \.laz"):
+        hits.save(tmp_path / "scan.xyz")
+
+
+def test_a_table_of_an_image_has_one_axis(session):
+    with clbvh.Tracer(clbvh.make_shape("icosphere", triangles=320)) as tracer:
+        hits = tracer.closest_hit(*clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0)).rays(8, 6))
+    assert {values.shape for values in hits.to_dict().values()} == {(48,)}
