@@ -7,21 +7,21 @@ decimals, in which a mesh of 1e-9 is a point.
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ConfigError
+from ..errors import AppearanceWarning, ConfigError
 from ..support.files import as_path, write_atomically
 from .appearance.appearance import Appearance
 from .appearance.material import OPAQUE, Material
-from .loading.file_mesh import Problems
 from .write_points import write_ply
 
-if TYPE_CHECKING:
-    from .mesh import Mesh
+# A `Mesh`, whose module imports this one.
+Mesh: TypeAlias = Any
 
 _STL_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _STL_HEADER_BYTES = 80
@@ -42,9 +42,8 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
         lost.append("materials")
     write_atomically(target, lambda file: write(file, mesh, lost))
     if lost:
-        problems = Problems()
-        problems.add(f"the file does not keep {' and '.join(lost)}: clbvh.Scene(mesh).save(...) does")
-        problems.warn(str(target))
+        text = f"{target}: the file does not keep {' and '.join(lost)}: clbvh.Scene(mesh).save(...) does"
+        warnings.warn(text, AppearanceWarning, stacklevel=3)  # where `Mesh.save` was called
 
 
 def _looks_of(mesh: Mesh) -> Appearance:
