@@ -36,7 +36,7 @@ from .phrase import phrase_command, phrase_python
 Send: TypeAlias = Callable[[dict[str, Any], bytes], None]
 """Carries a message to the page: the message, and its binary part, which may be empty."""
 
-# Of the first picture: it needs no tables of surfaces, which take as long as the tree.
+# Of the first picture of objects without colours: it needs no tables of surfaces, which take as long as the tree.
 FIRST_SHADING = "lambert"
 
 # Seconds of a picture while something moves: 30 pictures a second.
@@ -501,7 +501,7 @@ class Session:
     def _moving_view(self) -> View:
         """Return the view as it is rendered while something moves."""
         view, scale = self._sized(), self._scale
-        if self._sent == 0:
+        if self._sent == 0 and not any(shape.appearance for shape in self._renderer.scene.snapshot().shapes):
             view = view.changed(shading=FIRST_SHADING, samples=None)
         if view.shading not in REPORT_SHADINGS:
             view = view.changed(samples=min(_MOVING_SAMPLES, view.sample_count))
