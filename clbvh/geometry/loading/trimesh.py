@@ -118,16 +118,12 @@ def read_graph(scene: HasGraph) -> LoadedParts:
     numbers: dict[str, int] = {}
     # One geometry under two names is converted once.
     meshes: dict[int, Mesh] = {}
+    nodes = list_nodes(scene)
     with reading(scene):
-        nodes = []
-        for node in scene.graph.nodes_geometry:
-            matrix, name = scene.graph[node]
-            geometry = scene.geometry[name]
-            if isinstance(geometry, HasTriangles) and len(geometry.faces):  # no path, nor points
-                nodes.append((str(node), name, geometry, make_affine(matrix)))
         hidden = find_hidden([matrix for _, _, _, matrix in nodes])
         if hidden.all() and nodes:
-            return LoadedParts([Mesh.from_arrays(*POINT, name=nodes[0][0])], [FileNode(nodes[0][0], 0, np.eye(4))])
+            first = str(nodes[0][0])
+            return LoadedParts([Mesh.from_arrays(*POINT, name=first)], [FileNode(first, 0, np.eye(4))])
         for (node, name, geometry, matrix), is_hidden in zip(nodes, hidden, strict=True):
             if is_hidden:
                 continue
@@ -136,8 +132,26 @@ def read_graph(scene: HasGraph) -> LoadedParts:
                 if id(geometry) not in meshes:
                     meshes[id(geometry)] = mesh_of_object(geometry, str(name))
                 loaded.meshes.append(dataclasses.replace(meshes[id(geometry)], name=str(name)))
-            loaded.nodes.append(FileNode(node, numbers[name], matrix))
+            loaded.nodes.append(FileNode(str(node), numbers[name], matrix))
     return loaded
+
+
+def list_nodes(scene: HasGraph) -> list[tuple[Any, Any, Any, NDArray[np.float64]]]:
+    """Return the nodes that place triangle meshes: the node, the name of its geometry, that, and the transform.
+
+    Raises
+    ------
+    MeshError
+        The graph cannot be read.
+    """
+    nodes = []
+    with reading(scene):
+        for node in scene.graph.nodes_geometry:
+            matrix, name = scene.graph[node]
+            geometry = scene.geometry[name]
+            if isinstance(geometry, HasTriangles) and len(geometry.faces):  # no path, nor points
+                nodes.append((node, name, geometry, _make_affine(matrix)))
+    return nodes
 
 
 def _as_file_parts(loaded: LoadedParts) -> FileParts:
@@ -163,7 +177,7 @@ def join_graph(loaded: LoadedParts) -> Mesh:
     return Mesh.from_arrays(joined.vertices, joined.faces, name=name, appearance=joined.appearance, parts=ranges)
 
 
-def make_affine(matrix: Any) -> NDArray[np.float64]:
+def _make_affine(matrix: Any) -> NDArray[np.float64]:
     """Return a matrix whose last row is 0, 0, 0, 1 exactly if it is that but for rounding."""
     affine = np.array(matrix, np.float64)
     if affine.shape == (4, 4) and np.allclose(affine[3], (0, 0, 0, 1), rtol=0, atol=_AFFINE_TOLERANCE):

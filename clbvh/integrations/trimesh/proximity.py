@@ -20,7 +20,7 @@ from ...trace.points.refine import ClosestPoints
 from ...trace.tracer import Tracer
 from .nearest import choose_facing, find_nearest_vertices
 from .ray import RayMeshIntersector, read_points
-from .tracers import EngineOptions, FollowedMesh, FollowingTracer, find_tracer, options_for, read_mesh, read_options
+from .tracers import EngineOptions, Followed, FollowingTracer, find_tracer, options_for, read_mesh, read_options
 
 
 class ProximityQuery:
@@ -161,7 +161,7 @@ class ProximityQuery:
     def _find_closest(self, points: NDArray[np.float64]) -> ClosestPoints:
         """Return the closest points on the faces that trimesh chooses."""
 
-        def find(tracer: Tracer, known: FollowedMesh) -> ClosestPoints:
+        def find(tracer: Tracer, known: Followed) -> ClosestPoints:
             closest = tracer.closest_point(points)
             choose_facing(points, known.mesh, known.vertex_faces, tol.merge, closest)
             return closest

@@ -25,13 +25,12 @@ from numpy.typing import NDArray
 
 from ...builders.build import build
 from ...bvh import Bvh
-from ...bvh.bvh import sah_cost
 from ...device.info import DeviceInfo
 from ...errors import ConfigError, DeviceError, QueryError, SceneError
 from ...geometry import Mesh
 from ...geometry.as_mesh import as_mesh
 from ...geometry.loading.file_parts import POINT, find_hidden
-from ...geometry.loading.trimesh import make_affine
+from ...geometry.loading.trimesh import list_nodes
 from ...geometry.smooth_normals import VertexFaces, find_vertex_faces
 from ...scene.handles import Geometry
 from ...scene.scene import Scene
@@ -40,12 +39,11 @@ from ...support.forks import make_lock
 from ...trace.tracer import Tracer
 from ...trace.world.trees import check_layout
 
-# A tracer builds a worn tree anew by itself. One that is opened again gets a new tree where the SAH cost has grown by
-# more than this factor.
-_LARGEST_SAH_GROWTH = 2.0
-
 # The names of a node that places a triangle mesh, and of its geometry.
 Node = tuple[Any, Any]
+
+# Both of a mesh without a scene.
+_MESH = "trimesh"
 
 
 class EngineOptions(NamedTuple):
@@ -97,78 +95,8 @@ def read_mesh(thing: Any) -> Any:
 
 
 @dataclass(eq=False)
-class FollowedMesh:
-    """A mesh of trimesh as it was seen last, and the tree that was built when its vertices were perhaps elsewhere.
-
-    The tree needs no device, and outlives the tracer.
-
-    Attributes
-    ----------
-    content : int
-        Trimesh's hash of the mesh.
-    mesh : Mesh
-    built : Bvh
-    """
-
-    content: int
-    mesh: Mesh
-    built: Bvh
-
-    @classmethod
-    def read(cls, source: Any) -> FollowedMesh:
-        """Read and build a mesh of trimesh."""
-        mesh = Mesh.from_arrays(np.asarray(source.vertices), np.asarray(source.faces), name="trimesh")
-        return cls(hash(source), mesh, build(mesh))
-
-    @cached_property
-    def bvh(self) -> Bvh:
-        """The tree around the vertices as they are now; a tracer that was updated does not need it."""
-        return self.built if self.mesh is self.built.mesh else self.built.refit(self.mesh.vertices)
-
-    @cached_property
-    def sah_growth(self) -> float:
-        """The SAH cost of the tree now, divided by its cost when it was built."""
-        return 1.0 if self.bvh is self.built else sah_cost(self.bvh) / sah_cost(self.built)
-
-    @cached_property
-    def vertex_faces(self) -> VertexFaces:
-        """The faces around each vertex."""
-        return find_vertex_faces(self.mesh)
-
-    def open(self, options: EngineOptions) -> Tracer:
-        """Open a tracer of the mesh as it is now."""
-        return Tracer(self.bvh, device=options.device, layout=options.layout)
-
-    def follow(self, source: Any, tracer: Tracer | None) -> FollowedMesh | None:
-        """Return the mesh as it is now, and update the tracer; None if it has other faces, or needs a new tree.
-
-        A tracer that cannot be updated is closed, and the query opens another one: the device has no room for a second
-        copy of the tree, and perhaps for the first one, or another thread has closed it.
-        """
-        content = hash(source)
-        if content == self.content:
-            return self
-        if not _has_faces(self.mesh, source):
-            return None
-        vertices = np.asarray(source.vertices)
-        if tracer is not None:
-            try:
-                tracer.update(vertices)
-            except (DeviceError, QueryError):
-                tracer.close()
-            else:
-                return replace(self, content=content, mesh=tracer.mesh)
-        moved = replace(self, content=content, mesh=self.built.mesh.with_vertices(vertices))
-        return moved if moved.sah_growth <= _LARGEST_SAH_GROWTH else None
-
-
-class FollowedScene:
-    """A scene of trimesh as it was seen last, and the scene of ours that its tracer is opened with.
-
-    Raises
-    ------
-    MeshError, SceneError
-        A mesh or a node cannot be used, or there is none.
+class Followed:
+    """A mesh or a scene of trimesh as it was seen last. A mesh is a node that is in its own place.
 
     Attributes
     ----------
@@ -176,61 +104,109 @@ class FollowedScene:
         See `read_graph`.
     nodes : list of Node
         Those that are not hidden, in the order of the graph, as are the instances.
+    transforms : (n, 4, 4) float64
+    hashes : dict of any to int
+        Trimesh's hash of each mesh, by the name of its geometry.
+    shapes : dict of any to Mesh
+        As they are now; of a scene, as they were read.
+    source : Bvh or Scene
+        The tracer is opened with it. The tree of a mesh needs no device, and outlives the tracer.
+    geometries : dict of any to Geometry
+        Of a scene.
+    has_moved : bool
+        Whether this is no longer where the source is.
     """
 
-    def __init__(self, source: Any) -> None:
-        self.graph, (self.nodes, self._transforms) = read_graph(source), read_nodes(source)
-        if not _list_nodes(source)[0]:
+    graph: tuple[Any, ...]
+    nodes: list[Node]
+    transforms: NDArray[np.float64]
+    hashes: dict[Any, int]
+    shapes: dict[Any, Mesh]
+    source: Any
+    geometries: dict[Any, Geometry]
+    has_moved: bool = False
+
+    @classmethod
+    def read(cls, thing: Any) -> Followed:
+        """Read a mesh or a scene, and build the tree of a mesh.
+
+        Raises
+        ------
+        MeshError, SceneError
+            A mesh or a node cannot be used, or there is none.
+        """
+        graph, (nodes, transforms) = read_graph(thing), read_nodes(thing)
+        meshes = _find_meshes(thing, nodes)
+        hashes = {name: hash(mesh) for name, mesh in meshes.items()}
+        shapes = {name: Mesh.from_arrays(mesh.vertices, mesh.faces, name=str(name)) for name, mesh in meshes.items()}
+        if not isinstance(thing, trimesh.Scene):
+            return cls(graph, nodes, transforms, hashes, shapes, build(shapes[_MESH]), {})
+        scene = Scene()
+        geometries = {name: scene.add(shape) for name, shape in shapes.items()}
+        for (_, name), transform in zip(nodes, transforms, strict=True):
+            scene.place(geometries[name], transform)
+        if not nodes and not list_nodes(thing):
             raise SceneError("the scene has no node with a triangle mesh: rays need a surface")
-        self._hashes: dict[Any, int] = {}
-        self._geometries: dict[Any, Geometry] = {}
-        self._scene = Scene()
-        for name in dict.fromkeys(name for _, name in self.nodes):
-            mesh = source.geometry[name]
-            self._hashes[name] = hash(mesh)
-            self._geometries[name] = self._scene.add(Mesh.from_arrays(mesh.vertices, mesh.faces, name=str(name)))
-        for (_, name), transform in zip(self.nodes, self._transforms, strict=True):
-            self._scene.place(self._geometries[name], transform)
-        if self._scene.is_empty:
-            self._scene.place(self._scene.add(Mesh.from_arrays(*POINT, name="hidden")))
+        if not nodes:
+            scene.place(scene.add(Mesh.from_arrays(*POINT, name="hidden")))
+        return cls(graph, nodes, transforms, hashes, shapes, scene, geometries)
 
-    def open(self, options: EngineOptions) -> Tracer:
-        """Open a tracer of the scene as it was read."""
-        return Tracer(self._scene, device=options.device, layout=options.layout)
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh as it is now."""
+        return self.shapes[_MESH]
 
-    def follow(self, source: Any, tracer: Tracer | None) -> FollowedScene | None:
-        """Move the tracer to the scene as it is now; return None where only a new one can follow.
+    @cached_property
+    def bvh(self) -> Bvh:
+        """The tree of the mesh as it is now; a tracer that was updated does not need it."""
+        return self.source.refit(self.mesh.vertices) if self.has_moved else self.source
+
+    @cached_property
+    def vertex_faces(self) -> VertexFaces:
+        """The faces around each vertex of the mesh."""
+        return find_vertex_faces(self.mesh)
+
+    def follow(self, thing: Any, tracer: Tracer | None) -> Followed | None:
+        """Move the tracer to the mesh or the scene as it is now; return None where only a new one can follow.
 
         After that, an error or an interrupt, neither is of use.
         """
-        if tracer is None:
-            return None
-        graph = read_graph(source)
-        nodes, transforms = (self.nodes, self._transforms) if graph == self.graph else read_nodes(source)
+        graph = read_graph(thing)
+        nodes, transforms = (self.nodes, self.transforms) if graph == self.graph else read_nodes(thing)
         if nodes != self.nodes:
             return None
-        hashes = {name: hash(source.geometry[name]) for name in self._hashes}
-        changed = {name: source.geometry[name] for name in hashes if hashes[name] != self._hashes[name]}
-        if not all(_has_faces(self._geometries[name].shape, mesh) for name, mesh in changed.items()):
+        meshes = _find_meshes(thing, nodes)
+        hashes = {name: hash(mesh) for name, mesh in meshes.items()}
+        changed = {name: mesh for name, mesh in meshes.items() if hashes[name] != self.hashes[name]}
+        moved = np.flatnonzero((self.transforms != transforms).any(axis=(1, 2)))
+        if not changed and not len(moved) and not (tracer is None and self.has_moved):
+            return replace(self, graph=graph) if graph != self.graph else self
+        if tracer is None or not all(_has_faces(self.shapes[name], mesh) for name, mesh in changed.items()):
             return None
-        moved = np.flatnonzero((self._transforms != transforms).any(axis=(1, 2)))
+        shapes = self.shapes
         try:
             if len(moved):
                 tracer.set_transforms(moved, transforms[moved])
             for name, mesh in changed.items():
-                tracer.set_vertices(self._geometries[name], np.asarray(mesh.vertices))
+                vertices = np.asarray(mesh.vertices)
+                if name in self.geometries:
+                    tracer.set_vertices(self.geometries[name], vertices)
+                else:
+                    tracer.update(vertices)
+                    shapes = {name: tracer.mesh}
         except (DeviceError, QueryError):
             return None  # no room for a second copy, or closed by another thread
-        self.graph, self._transforms, self._hashes = graph, transforms, hashes
-        return self
+        return replace(self, graph=graph, transforms=transforms, hashes=hashes, shapes=shapes, has_moved=True)
 
 
-def read_graph(scene: Any) -> tuple[Any, ...]:
-    """Return what changes when a node is moved, added or taken away, or gets another geometry."""
-    return hash(scene.graph), scene.graph.base_frame, *scene.geometry
+def read_graph(thing: Any) -> tuple[Any, ...]:
+    """Return what changes when a node is moved, added or taken away, or gets another geometry; nothing of a mesh."""
+    if not isinstance(thing, trimesh.Scene):
+        return ()
+    return hash(thing.graph), thing.graph.base_frame, *thing.geometry
 
 
-def read_nodes(scene: Any) -> tuple[list[Node], NDArray[np.float64]]:
+def read_nodes(thing: Any) -> tuple[list[Node], NDArray[np.float64]]:
     """Return the nodes that place triangle meshes and are not hidden, and their transforms, (n, 4, 4) float64.
 
     Raises
@@ -238,26 +214,22 @@ def read_nodes(scene: Any) -> tuple[list[Node], NDArray[np.float64]]:
     SceneError
         A transform is not finite; the message names the node.
     """
-    nodes, matrices = _list_nodes(scene)
+    if not isinstance(thing, trimesh.Scene):
+        return [(_MESH, _MESH)], np.eye(4)[None]
+    nodes = list_nodes(thing)
+    matrices = np.array([matrix for *_, matrix in nodes]).reshape(-1, 4, 4)
     is_shown = ~find_hidden(matrices)
-    shown = list(itertools.compress(nodes, is_shown))
+    shown = [(node, name) for node, name, *_ in itertools.compress(nodes, is_shown)]
     return shown, check_transforms(matrices[is_shown], lambda index: f"the transform of the node {shown[index][0]!r}")
 
 
-def _list_nodes(scene: Any) -> tuple[list[Node], NDArray[np.float64]]:
-    """Return all nodes that place triangle meshes, and their transforms, (n, 4, 4) float64."""
-    nodes, matrices = [], []
-    for node in scene.graph.nodes_geometry:
-        matrix, geometry = scene.graph[node]
-        mesh = scene.geometry.get(geometry)
-        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
-            nodes.append((node, geometry))
-            matrices.append(make_affine(matrix))
-    return nodes, np.array(matrices).reshape(-1, 4, 4)
+def _find_meshes(thing: Any, nodes: list[Node]) -> dict[Any, Any]:
+    """Return the meshes that nodes place, by the names of their geometries."""
+    return {name: thing.geometry[name] if isinstance(thing, trimesh.Scene) else thing for _, name in nodes}
 
 
-def _has_faces(known: Any, mesh: Any) -> bool:
-    """Return whether a mesh of trimesh has the faces of the `Mesh` that was known, and as many vertices."""
+def _has_faces(known: Mesh, mesh: Any) -> bool:
+    """Return whether a mesh of trimesh has the faces of the one that was known, and as many vertices."""
     return len(known.vertices) == len(mesh.vertices) and np.array_equal(known.faces, mesh.faces)
 
 
@@ -282,7 +254,7 @@ class FollowingTracer:
         self.options = options
         self.last_use = 0.0
         self.open_tracer: Tracer | None = None
-        self._known: Any = None  # a FollowedMesh or a FollowedScene
+        self._known: Followed | None = None
         self._counted_bytes = 0
         self._lock = make_lock()
 
@@ -298,7 +270,7 @@ class FollowingTracer:
                 known = self._follow(thing)
                 tracer = self.open_tracer
                 if tracer is None:
-                    self.open_tracer = tracer = known.open(self.options)
+                    self.open_tracer = tracer = Tracer(known.source, **self.options._asdict())
                     self._counted_bytes = 0
                 before, self._counted_bytes = self._counted_bytes, tracer.memory_bytes
                 has_grown = before < self._counted_bytes
@@ -347,7 +319,7 @@ class FollowingTracer:
             known = known.follow(thing, self.open_tracer)
         if known is None:
             self._give_back()
-            known = FollowedScene(thing) if isinstance(thing, trimesh.Scene) else FollowedMesh.read(thing)
+            known = Followed.read(thing)
         self._known = known
         return known
 
