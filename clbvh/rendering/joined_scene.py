@@ -19,7 +19,7 @@ from ..geometry import Mesh
 from ..geometry.appearance.appearance import Appearance, make_unchecked
 from ..geometry.appearance.material import Material
 from ..geometry.loading.file_mesh import FileMesh
-from ..geometry.loading.file_parts import FileNode, FileParts, join_nodes
+from ..geometry.loading.file_parts import Parts, Placed, join_nodes
 from ..scene.scene import Scene
 from ..structs import HIT, NO_PRIM, WORLD_HIT
 from ..support.forks import make_lock
@@ -140,7 +140,7 @@ def join_instances(scene: DrawnScene, view: View) -> Mesh:
     # Where one mesh is smooth, all have normals at their corners.
     normals = find_all_corner_normals(shapes, view.smooth)
     plain = (Material(base_colour=view.surface),)
-    meshes, nodes = [], []
+    meshes, placed = [], []
     for number, (shape_id, colour) in enumerate(zip(shape_ids.tolist(), colours, strict=True)):
         shape = shapes[shape_id]
         assert isinstance(shape, Mesh)
@@ -152,6 +152,6 @@ def join_instances(scene: DrawnScene, view: View) -> Mesh:
             looks = replace(looks, colours=None)
         looks = make_unchecked(**(vars(looks) | {"materials": materials, "normals": normals[shape_id]}))
         meshes.append(FileMesh("", shape.vertices, shape.faces, looks))
-        nodes.append(FileNode(str(number), number, scene.state.transforms[number]))
-    joined = join_nodes(FileParts(meshes, nodes))
+        placed.append(Placed(str(number), number, scene.state.transforms[number]))
+    joined = join_nodes(Parts(meshes, placed))
     return Mesh.from_arrays(joined.vertices, joined.faces, appearance=joined.appearance)

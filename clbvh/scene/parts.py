@@ -10,39 +10,21 @@ import dataclasses
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import SceneError
-from ..geometry.appearance.material import Material
-from ..geometry.loading.file_parts import FileNode, LoadedParts, multiplies
+from ..geometry.loading.file_parts import Parts, Placed, multiplies
 from ..geometry.loading.trimesh import HasGraph, join_graph, read_graph
+from ..geometry.mesh import Mesh
 from ..geometry.spheres import Shape
-from .handles import ALL_BITS, Colour
 from .names import name_of_file
 
-
-class PlacedPart(NamedTuple):
-    """A shape, by its index, placed by a (4, 4) float64 matrix that is not checked yet."""
-
-    name: str
-    shape: int
-    matrix: NDArray[np.float64]
-    mask: int = ALL_BITS
-    colour: Colour | None = None
-    material: Material | None = None
+# Shapes with their names, and placements that are not checked yet.
+NamedParts = Parts[tuple[Shape, str]]
 
 
-class Parts(NamedTuple):
-    """Shapes with their names, and placements."""
-
-    shapes: list[tuple[Shape, str]]
-    placed: list[PlacedPart]
-
-
-def parts_of_file(path: str | os.PathLike[str], load: Callable[[str | os.PathLike[str]], LoadedParts]) -> Parts:
+def parts_of_file(path: str | os.PathLike[str], load: Callable[[str | os.PathLike[str]], Parts[Mesh]]) -> NamedParts:
     """Return the parts of a mesh file; raise `MeshError` if it cannot be read.
 
     The file suffix in a shape's name tells the up axis.
@@ -59,12 +41,12 @@ def parts_of_file(path: str | os.PathLike[str], load: Callable[[str | os.PathLik
         (mesh, name_of_file(file.name))
         if mesh.name == file.name
         else (dataclasses.replace(mesh, name=f"{mesh.name}{file.suffix}"), mesh.name)
-        for mesh in loaded.meshes
+        for mesh in loaded.shapes
     ]
-    return Parts(shapes, [PlacedPart(*node) for node in loaded.nodes])
+    return Parts(shapes, loaded.placed)
 
 
-def parts_of_graph(scene: HasGraph, *, joins: bool = False) -> Parts:
+def parts_of_graph(scene: HasGraph, *, joins: bool = False) -> NamedParts:
     """Return the triangle meshes of a `trimesh.Scene` that its nodes place.
 
     Parameters
@@ -82,9 +64,9 @@ def parts_of_graph(scene: HasGraph, *, joins: bool = False) -> Parts:
         A mesh cannot be used; the message names it.
     """
     loaded = read_graph(scene)
-    if not loaded.nodes:
+    if not loaded.placed:
         raise SceneError("the scene has no node with a triangle mesh: rays need a surface")
     if joins and not multiplies(loaded):
         mesh = join_graph(loaded)
-        loaded = LoadedParts([mesh], [FileNode(mesh.name, 0, np.eye(4))])
-    return Parts([(mesh, mesh.name) for mesh in loaded.meshes], [PlacedPart(*node) for node in loaded.nodes])
+        loaded = Parts([mesh], [Placed(mesh.name, 0, np.eye(4))])
+    return Parts([(mesh, mesh.name) for mesh in loaded.shapes], loaded.placed)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import SceneError
 from ..geometry.appearance.material import Material
 from ..geometry.as_mesh import HasGraph, MeshLike, as_mesh
+from ..geometry.loading.file_parts import Parts, Placed
 from ..geometry.loading.load import load_parts, load_placed
 from ..geometry.spheres import Shape, Spheres
 from ..support.forks import make_lock
@@ -32,7 +33,7 @@ from .handles import (
     shorten,
 )
 from .names import Named, name_of_file
-from .parts import Parts, PlacedPart, parts_of_file, parts_of_graph
+from .parts import NamedParts, parts_of_file, parts_of_graph
 from .state import SceneState
 from .transforms import check_transform, check_transforms
 
@@ -303,15 +304,8 @@ class Scene:
             parts = Parts(
                 [(geometry.shape, geometry.name) for geometry in geometries],
                 [
-                    PlacedPart(
-                        instance.name,
-                        instance.geometry.id,
-                        instance.matrix,
-                        instance.mask,
-                        instance.colour,
-                        instance.material,
-                    )
-                    for instance in instances
+                    Placed(one.name, one.geometry.id, one.matrix, (one.mask, one.colour, one.material))
+                    for one in instances
                 ],
             )
         elif isinstance(source, HasGraph):
@@ -321,7 +315,7 @@ class Scene:
         return self._add_placed(parts, outer, common_mask)
 
     def _add_placed(
-        self, parts: Parts, outer: NDArray[np.float64] | None = None, common_mask: int | None = None
+        self, parts: NamedParts, outer: NDArray[np.float64] | None = None, common_mask: int | None = None
     ) -> tuple[Instance, ...]:
         matrices = np.array([part.matrix for part in parts.placed], np.float64).reshape(-1, 4, 4)
         with np.errstate(over="ignore", invalid="ignore"):  # refused if it is not finite
@@ -331,15 +325,12 @@ class Scene:
         matrices.flags.writeable = False
         with self._lock:
             geometries = [self._add(shape, None, name) for shape, name in parts.shapes]
-            return tuple(
-                self._place(
-                    geometries[part.shape],
-                    matrix[None],
-                    (self._instances.find_free(part.name),),
-                    (part.mask if common_mask is None else common_mask, part.colour, part.material),
-                )[0]
-                for part, matrix in zip(parts.placed, matrices, strict=True)
-            )
+            instances: list[Instance] = []
+            for (name, shape, _, looks), matrix in zip(parts.placed, matrices, strict=True):
+                own_mask, colour, material = looks or (ALL_BITS, None, None)
+                looks = own_mask if common_mask is None else common_mask, colour, material
+                instances += self._place(geometries[shape], matrix[None], (self._instances.find_free(name),), looks)
+            return tuple(instances)
 
     def place(
         self,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import chain
-from typing import NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..appearance.appearance import Appearance, find_flat_normals, make_unchecked, turn_corners
 from ..appearance.material import Material
 from ..local_frame import is_singular
-from ..mesh import Mesh, Part, check_face_count
+from ..mesh import Part, check_face_count
 from .file_mesh import FileMesh, finish_looks
 
 # The points and faces of a mesh that no ray and no picture finds, in place of all nodes where all are hidden.
@@ -25,26 +25,26 @@ POINT = np.zeros((1, 3)), np.zeros((1, 3), np.int32)
 _MOST_PLACED = 2
 
 
-class FileNode(NamedTuple):
-    """A mesh, by its index, at a position that a (4, 4) float64 matrix gives. The name may be empty."""
+class Placed(NamedTuple):
+    """A shape, by its index, at a position that a (4, 4) float64 matrix gives. The name may be empty.
+
+    An instance of a scene also has its mask, colour and material.
+    """
 
     name: str
-    mesh: int
+    shape: int
     matrix: NDArray[np.float64]
+    looks: tuple[Any, ...] = ()
 
 
-class FileParts(NamedTuple):
-    """The meshes that the nodes place, and the nodes, both in the order of the file."""
-
-    meshes: list[FileMesh]
-    nodes: list[FileNode]
+_Shape = TypeVar("_Shape")
 
 
-class LoadedParts(NamedTuple):
-    """Meshes and the nodes that place them, in the order of the file. Names are not empty, but need not be unique."""
+class Parts(NamedTuple, Generic[_Shape]):
+    """Shapes, and where they are placed, both in the order of their file or scene. Names need not be unique."""
 
-    meshes: list[Mesh]
-    nodes: list[FileNode]
+    shapes: list[_Shape]
+    placed: list[Placed]
 
 
 class Piece(NamedTuple):
@@ -60,7 +60,7 @@ def find_hidden(matrices: Sequence[NDArray[np.float64]] | NDArray[np.float64]) -
     return is_singular(np.reshape(matrices, (-1, 4, 4)).transpose(1, 2, 0))
 
 
-def join_nodes(read: FileMesh | FileParts) -> FileMesh:
+def join_nodes(read: FileMesh | Parts[FileMesh]) -> FileMesh:
     """Return the meshes of all nodes as one mesh, in their places; each node with triangles is a part.
 
     Raises
@@ -70,12 +70,12 @@ def join_nodes(read: FileMesh | FileParts) -> FileMesh:
     """
     if isinstance(read, FileMesh):
         return read
-    placed = [read.meshes[node.mesh] for node in read.nodes]
+    placed = [read.shapes[node.shape] for node in read.placed]
     check_face_count(sum(len(mesh.faces) for mesh in placed), sum(len(mesh.vertices) for mesh in placed))
     pieces: list[Piece] = []
     parts: list[Part] = []
     face_count = 0
-    for node, mesh in zip(read.nodes, placed, strict=True):
+    for node, mesh in zip(read.placed, placed, strict=True):
         with np.errstate(invalid="ignore"):
             mirrors = bool(np.linalg.slogdet(node.matrix[:3, :3])[0] < 0)
         # A mirrored triangle is seen from its other side, unless its corners are turned round.
@@ -88,23 +88,23 @@ def join_nodes(read: FileMesh | FileParts) -> FileMesh:
     return join_pieces("", pieces)._replace(parts=tuple(parts))
 
 
-def join_few(read: FileMesh | FileParts) -> FileMesh | FileParts:
+def join_few(read: FileMesh | Parts[FileMesh]) -> FileMesh | Parts[FileMesh]:
     """Return the meshes of all nodes as one mesh, but in parts if that would multiply the triangles."""
-    return split_parts(read) if isinstance(read, FileParts) and multiplies(read) else join_nodes(read)
+    return split_parts(read) if isinstance(read, Parts) and multiplies(read) else join_nodes(read)
 
 
-def multiplies(parts: FileParts | LoadedParts) -> bool:
+def multiplies(parts: Parts[Any]) -> bool:
     """Return whether the nodes place more than twice the triangles that the meshes have."""
-    placed = sum(len(parts.meshes[node.mesh].faces) for node in parts.nodes)
-    return placed > _MOST_PLACED * sum(len(mesh.faces) for mesh in parts.meshes)
+    placed = sum(len(parts.shapes[node.shape].faces) for node in parts.placed)
+    return placed > _MOST_PLACED * sum(len(mesh.faces) for mesh in parts.shapes)
 
 
-def split_parts(read: FileMesh | FileParts) -> FileParts:
+def split_parts(read: FileMesh | Parts[FileMesh]) -> Parts[FileMesh]:
     """Return a mesh for each name of the parts, in the order of the file, with the vertices that its faces refer to."""
-    if isinstance(read, FileParts):
-        return FileParts([drop_loose_vertices(mesh) for mesh in read.meshes], read.nodes)
+    if isinstance(read, Parts):
+        return Parts([drop_loose_vertices(mesh) for mesh in read.shapes], read.placed)
     if not read.parts:
-        return FileParts([read], [FileNode("", 0, np.eye(4))])
+        return Parts([read], [Placed("", 0, np.eye(4))])
     ranges: dict[str, list[NDArray[np.int64]]] = {"": []}  # what has no name comes first
     for name, begin, end in read.parts:
         ranges.setdefault(name, []).append(np.arange(begin, end))
@@ -116,7 +116,7 @@ def split_parts(read: FileMesh | FileParts) -> FileParts:
         looks = None if read.appearance is None else _drop_unused(read.appearance.select(ids))
         flat_faces = None if read.flat_faces is None else read.flat_faces[ids]
         meshes.append(drop_loose_vertices(FileMesh(name, read.vertices, read.faces[ids], looks, flat_faces)))
-    return FileParts(meshes, [FileNode(mesh.name, number, np.eye(4)) for number, mesh in enumerate(meshes)])
+    return Parts(meshes, [Placed(mesh.name, number, np.eye(4)) for number, mesh in enumerate(meshes)])
 
 
 def _drop_unused(looks: Appearance) -> Appearance:

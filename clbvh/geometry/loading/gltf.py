@@ -22,7 +22,7 @@ from ...errors import MeshError
 from ..local_frame import rotation_matrix
 from ..mesh import check_face_count
 from .file_mesh import FileMesh, Problems
-from .file_parts import POINT, FileNode, FileParts, Piece, drop_loose_vertices, find_hidden, join_pieces
+from .file_parts import POINT, Parts, Piece, Placed, drop_loose_vertices, find_hidden, join_pieces
 from .gltf_data import GltfData, get_list, get_object, refuse_compression
 from .gltf_looks import GltfLooks
 from .gltf_skins import Skin, pose_piece, read_skin
@@ -44,7 +44,7 @@ _INSTANCING, _VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_node_visibility"
 _AFFINE_TOLERANCE = 1e-6
 
 
-def read_gltf(data: bytes, file: Path, problems: Problems) -> FileParts:
+def read_gltf(data: bytes, file: Path, problems: Problems) -> Parts[FileMesh]:
     """Return the meshes of the scene, each once, and the nodes that place them, in the order of the nodes.
 
     The primitives of a mesh follow each other. Of a list of points that meshes share, each has those that its faces
@@ -59,12 +59,12 @@ def read_gltf(data: bytes, file: Path, problems: Problems) -> FileParts:
     hidden = find_hidden([np.eye(4) if node.skin is not None else node.matrix for node in drawn])
     shown = [node for node, is_hidden in zip(drawn, hidden, strict=True) if not (is_hidden or node.is_hidden)]
     if drawn and not shown:
-        return FileParts([FileMesh("", *POINT)], [FileNode(drawn[0].name, 0, np.eye(4))])
+        return Parts([FileMesh("", *POINT)], [Placed(drawn[0].name, 0, np.eye(4))])
     sources = dict.fromkeys((node.mesh, node.skin) for node in shown)
     face_count, users = _count_faces_and_users(gltf, (mesh for mesh, _ in sources))
     check_face_count(face_count, sum(map(gltf.count_items, users)))
     numbers: dict[tuple[Any, Any], int] = {}
-    parts = FileParts([], [])
+    parts: Parts[FileMesh] = Parts([], [])
     points: dict[int, NDArray[np.float64]] = {}
     reader = GltfLooks(gltf, problems)
     for node in shown:
@@ -76,11 +76,11 @@ def read_gltf(data: bytes, file: Path, problems: Problems) -> FileParts:
             pieces = list(_read_primitives(gltf, node.mesh, points, reader, skin))
             mesh = join_pieces(mesh_name or node.name, pieces)
             is_shared = any(users[positions] > 1 for _, _, positions, _, _ in _triangle_primitives(gltf, node.mesh))
-            parts.meshes.append(drop_loose_vertices(mesh) if is_shared else mesh)
+            parts.shapes.append(drop_loose_vertices(mesh) if is_shared else mesh)
         matrix = np.eye(4)
         if node.skin is None:
             matrix[:3] = node.matrix[:3]  # `_read_matrix` has seen that the last row is almost that
-        parts.nodes.append(FileNode(node.name or mesh_name, numbers[source], matrix))
+        parts.placed.append(Placed(node.name or mesh_name, numbers[source], matrix))
     return parts
 
 

@@ -19,7 +19,7 @@ from ...support.files import read_errors_as, read_regular
 from ..mesh import Mesh
 from ..smooth_normals import flatten
 from .file_mesh import OFF_KEYWORD, FileMesh, Problems, decode_text, find_stl_end, has_stl_triangles
-from .file_parts import FileNode, FileParts, LoadedParts, join_few, join_nodes, split_parts
+from .file_parts import Parts, Placed, join_few, join_nodes, split_parts
 from .trimesh import PACKAGES
 
 # The module of each format's reader; it is imported by the first file of its kind.
@@ -91,10 +91,10 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     (12, 8)
     >>> folder.cleanup()
     """
-    return _load(path, join_nodes).meshes[0]
+    return _load(path, join_nodes).shapes[0]
 
 
-def load_parts(path: str | os.PathLike[str]) -> LoadedParts:
+def load_parts(path: str | os.PathLike[str]) -> Parts[Mesh]:
     """Load the parts of a file as meshes of their own, with their names and places.
 
     Parameters
@@ -105,7 +105,7 @@ def load_parts(path: str | os.PathLike[str]) -> LoadedParts:
 
     Returns
     -------
-    LoadedParts
+    Parts of Mesh
         Without the parts that have no faces. What the nodes make of the meshes is what `load_mesh` reads, but for
         vertices that no face of a part refers to, which are left out. A mesh without a name has the file's, with its
         suffix; its node has it without.
@@ -118,12 +118,12 @@ def load_parts(path: str | os.PathLike[str]) -> LoadedParts:
     return _load(path, split_parts)
 
 
-def load_placed(path: str | os.PathLike[str]) -> LoadedParts:
+def load_placed(path: str | os.PathLike[str]) -> Parts[Mesh]:
     """Load a file as a scene of it is best made.
 
     Returns
     -------
-    LoadedParts
+    Parts of Mesh
         The mesh that `load_mesh` reads, in its place; but what `load_parts` reads where the nodes of a GLB or glTF file
         place more than twice the triangles that its meshes have.
 
@@ -136,10 +136,10 @@ def load_placed(path: str | os.PathLike[str]) -> LoadedParts:
 
 
 # What is made of the meshes that a reader returns: one mesh, or several and their nodes.
-_Arrange = Callable[[FileMesh | FileParts], FileMesh | FileParts]
+_Arrange = Callable[[FileMesh | Parts[FileMesh]], FileMesh | Parts[FileMesh]]
 
 
-def _load(path: str | os.PathLike[str], arrange: _Arrange) -> LoadedParts:
+def _load(path: str | os.PathLike[str], arrange: _Arrange) -> Parts[Mesh]:
     """Load a file; every error becomes a `MeshError` that names it."""
     try:
         file, source = Path(path), str(path)
@@ -151,7 +151,7 @@ def _load(path: str | os.PathLike[str], arrange: _Arrange) -> LoadedParts:
         raise MeshError(f"{source}: there is not enough free memory to read the file") from error
 
 
-def _read(file: Path, source: str, arrange: _Arrange) -> FileParts:
+def _read(file: Path, source: str, arrange: _Arrange) -> Parts[FileMesh]:
     """Return what the reader of the file's format has read; looks that cannot be used become one warning."""
     with read_errors_as(MeshError, source):
         data = read_regular(file)
@@ -179,7 +179,7 @@ def _read(file: Path, source: str, arrange: _Arrange) -> FileParts:
     except Exception as error:  # numbers that are none, and other damage that no reader looks for
         raise MeshError(f"{source}: the {file_format.upper()} file is damaged or incomplete") from error
     problems.warn(source)
-    return FileParts([read], [FileNode("", 0, np.eye(4))]) if isinstance(read, FileMesh) else read
+    return Parts([read], [Placed("", 0, np.eye(4))]) if isinstance(read, FileMesh) else read
 
 
 def _find_format(data: bytes, suffix: str) -> str:
@@ -190,28 +190,28 @@ def _find_format(data: bytes, suffix: str) -> str:
     return content or ("stl" if suffix not in _READERS and has_stl_triangles(data) else suffix)
 
 
-def _make_parts(file: Path, source: str, read: FileParts) -> LoadedParts:
+def _make_parts(file: Path, source: str, read: Parts[FileMesh]) -> Parts[Mesh]:
     """Return the meshes that have faces, and their nodes."""
-    if not any(len(read.meshes[node.mesh].faces) for node in read.nodes):
-        vertex_count = sum(len(mesh.vertices) for mesh in read.meshes)
+    if not any(len(read.shapes[node.shape].faces) for node in read.placed):
+        vertex_count = sum(len(mesh.vertices) for mesh in read.shapes)
         raise MeshError(
             f"{source}: the file has {vertex_count:,} vertices but no faces: rays need a surface, not a point cloud"
             if vertex_count
             else f"{source}: the file has no triangles"
         )
-    loaded = LoadedParts([], [])
+    loaded: Parts[Mesh] = Parts([], [])
     numbers: dict[int, int] = {}
     stem = file.stem or file.name
-    for number, mesh in enumerate(read.meshes):
+    for number, mesh in enumerate(read.shapes):
         if len(mesh.faces):
             numbers[number] = len(numbers)
             name = mesh.name.strip() or file.name
-            where = f"{source}: {name}" if len(read.meshes) > 1 else source
-            loaded.meshes.append(_make_mesh(mesh, where, name, stem))
-    for name, number, matrix in read.nodes:
+            where = f"{source}: {name}" if len(read.shapes) > 1 else source
+            loaded.shapes.append(_make_mesh(mesh, where, name, stem))
+    for name, number, matrix, _ in read.placed:
         if number in numbers:
-            label = name.strip() or read.meshes[number].name.strip() or stem
-            loaded.nodes.append(FileNode(label, numbers[number], matrix))
+            label = name.strip() or read.shapes[number].name.strip() or stem
+            loaded.placed.append(Placed(label, numbers[number], matrix))
     return loaded
 
 

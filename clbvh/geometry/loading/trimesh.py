@@ -23,7 +23,7 @@ from ..appearance.material import OPAQUE, Material, Texture, copy_with_alpha
 from ..appearance.srgb import srgb_to_linear
 from ..mesh import Mesh
 from .file_mesh import FileMesh, Problems, finish_looks, spread_colours, spread_uvs
-from .file_parts import POINT, FileNode, FileParts, LoadedParts, find_hidden, join_nodes
+from .file_parts import POINT, Parts, Placed, find_hidden, join_nodes
 
 # Packages that trimesh needs for files that no reader of ours takes.
 PACKAGES = {
@@ -89,7 +89,7 @@ def describe(thing: object) -> str:
     return f"{kind.__qualname__} {text}" if len(text) <= _MAX_SHOWN else f"a {kind.__qualname__}"
 
 
-def read_trimesh(data: bytes, path: Path, problems: Problems) -> FileParts:
+def read_trimesh(data: bytes, path: Path, problems: Problems) -> Parts[FileMesh]:
     """Return the parts of a file, as `trimesh.load_scene` reads it."""
     import trimesh  # takes 0.3 s
 
@@ -106,7 +106,7 @@ def read_trimesh(data: bytes, path: Path, problems: Problems) -> FileParts:
     return _as_file_parts(read_graph(scene))
 
 
-def read_graph(scene: HasGraph) -> LoadedParts:
+def read_graph(scene: HasGraph) -> Parts[Mesh]:
     """Return the triangle meshes of a `trimesh.Scene` that its nodes place, and these nodes; without hidden ones.
 
     Raises
@@ -114,7 +114,7 @@ def read_graph(scene: HasGraph) -> LoadedParts:
     MeshError
         A mesh cannot be used, and the message names it; or the graph cannot be read.
     """
-    loaded = LoadedParts([], [])
+    loaded: Parts[Mesh] = Parts([], [])
     numbers: dict[str, int] = {}
     # One geometry under two names is converted once.
     meshes: dict[int, Mesh] = {}
@@ -123,7 +123,7 @@ def read_graph(scene: HasGraph) -> LoadedParts:
         hidden = find_hidden([matrix for _, _, _, matrix in nodes])
         if hidden.all() and nodes:
             first = str(nodes[0][0])
-            return LoadedParts([Mesh.from_arrays(*POINT, name=first)], [FileNode(first, 0, np.eye(4))])
+            return Parts([Mesh.from_arrays(*POINT, name=first)], [Placed(first, 0, np.eye(4))])
         for (node, name, geometry, matrix), is_hidden in zip(nodes, hidden, strict=True):
             if is_hidden:
                 continue
@@ -131,8 +131,8 @@ def read_graph(scene: HasGraph) -> LoadedParts:
                 numbers[name] = len(numbers)
                 if id(geometry) not in meshes:
                     meshes[id(geometry)] = mesh_of_object(geometry, str(name))
-                loaded.meshes.append(dataclasses.replace(meshes[id(geometry)], name=str(name)))
-            loaded.nodes.append(FileNode(str(node), numbers[name], matrix))
+                loaded.shapes.append(dataclasses.replace(meshes[id(geometry)], name=str(name)))
+            loaded.placed.append(Placed(str(node), numbers[name], matrix))
     return loaded
 
 
@@ -154,12 +154,12 @@ def list_nodes(scene: HasGraph) -> list[tuple[Any, Any, Any, NDArray[np.float64]
     return nodes
 
 
-def _as_file_parts(loaded: LoadedParts) -> FileParts:
-    meshes = [FileMesh(mesh.name, mesh.vertices, mesh.faces, mesh.appearance) for mesh in loaded.meshes]
-    return FileParts(meshes, loaded.nodes)
+def _as_file_parts(loaded: Parts[Mesh]) -> Parts[FileMesh]:
+    meshes = [FileMesh(mesh.name, mesh.vertices, mesh.faces, mesh.appearance) for mesh in loaded.shapes]
+    return Parts(meshes, loaded.placed)
 
 
-def join_graph(loaded: LoadedParts) -> Mesh:
+def join_graph(loaded: Parts[Mesh]) -> Mesh:
     """Return the meshes of all nodes of a `trimesh.Scene` as one mesh, whose parts are the nodes.
 
     Raises
@@ -167,9 +167,9 @@ def join_graph(loaded: LoadedParts) -> Mesh:
     MeshError
         There is no node, or its transform is not affine, or the coordinates are not finite.
     """
-    if not loaded.nodes:
+    if not loaded.placed:
         raise MeshError("the scene has no node with a triangle mesh: rays need a surface")
-    for node in loaded.nodes:
+    for node in loaded.placed:
         if not np.array_equal(node.matrix[3:], [[0, 0, 0, 1]]):
             raise MeshError(f"the transform of {node.name!r} must be a (4, 4) matrix with the last row 0, 0, 0, 1")
     joined = join_nodes(_as_file_parts(loaded))
