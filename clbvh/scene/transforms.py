@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..geometry.arrays import has_masked_values
-from ..geometry.local_frame import is_singular
+from ..geometry.local_frame import is_singular, rotation_matrix
 from ..geometry.mesh import Mesh
 from .handles import Vector, read_vector, shorten
 
@@ -111,13 +111,8 @@ class Transform:
             )
         unit = parts / np.abs(parts).max()
         w, x, y, z = (unit / np.linalg.norm(unit)).tolist()
-        rotation = np.array([
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ])  # fmt: skip
         rest = cls(scale, translate=translate)  # type: ignore[arg-type]  # checked there
-        return cls(rows=np.column_stack((rotation * rest.scale, rest.translate)))  # type: ignore[arg-type]
+        return cls(rows=np.column_stack((rotation_matrix(x, y, z, w) * rest.scale, rest.translate)))  # type: ignore[arg-type]
 
     @np.errstate(over="ignore", invalid="ignore")  # coordinates that are not finite are refused by the mesh
     def apply(self, mesh: Mesh) -> Mesh:
