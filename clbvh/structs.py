@@ -33,7 +33,6 @@ def _lane_count(struct: np.dtype) -> int:
 NODE = np.dtype([("aabb_min", "f4", 3), ("first", "i4"), ("aabb_max", "f4", 3), ("count", "i4")])
 NODE_LANES = _lane_count(NODE)
 NODE_FIRST = _lane(NODE, "first")
-NODE_MAX = _lane(NODE, "aabb_max")
 NODE_COUNT = _lane(NODE, "count")
 
 # An aabb in a vector register, and in the builders' arrays. The maximum is negated, so that one eight-lane minimum

@@ -19,7 +19,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..structs import NODE_COUNT, NODE_FIRST
+from ..structs import BOX_LANES, BOX_NEGATED_MAX
 
 
 class Placement(NamedTuple):
@@ -54,6 +54,8 @@ class TopNode:
         Nodes of its subtree, when that is built.
     placement : Placement
         Its place in the finished tree, when all subtrees are built.
+    box : (8,) float32, a row of `structs.BOX`
+        Known when it has children.
     """
 
     begin: int
@@ -62,6 +64,7 @@ class TopNode:
     children: tuple[Self, ...] = field(default=(), init=False)
     node_count: int = field(default=0, init=False)
     placement: Placement = field(default=WHOLE_TREE, init=False)
+    box: NDArray[np.float32] = field(default_factory=lambda: np.empty(BOX_LANES, np.float32), init=False)
 
     def __len__(self) -> int:
         return self.end - self.begin
@@ -91,30 +94,10 @@ def place_top(root: TopNode) -> int:
     return next_index
 
 
-def place_subtree(
-    source: NDArray[np.float32],
-    begin: int,
-    node_count: int,
-    prim_shift: int,
-    placement: Placement,
-    nodes: NDArray[np.float32],
-) -> None:
-    """Copy a subtree to its indices in the finished tree.
-
-    Parameters
-    ----------
-    source : (k, 8) float32, rows of `structs.NODE`
-        The subtree is ``source[begin : begin + node_count]`` in depth-first order. Its interior nodes name their
-        children by rows of `source`.
-    begin, node_count : int
-    prim_shift : int
-        Added to where a leaf's primitives begin.
-    placement : Placement
-    nodes : (N, 8) float32, rows of `structs.NODE`, written
-    """
-    child_shift = placement.below - (begin + 1)
-    for first, end, index in ((begin, begin + 1, placement.root), (begin + 1, begin + node_count, placement.below)):
-        placed = nodes[index : index + end - first]
-        placed[:] = source[first:end]
-        lanes = placed.view(np.int32)
-        lanes[:, NODE_FIRST] += np.where(lanes[:, NODE_COUNT] == 0, np.int32(child_shift), np.int32(prim_shift))
+def write_top(root: TopNode, nodes: NDArray[np.void]) -> None:
+    """Write the nodes of a placed top, (N,) `structs.NODE`."""
+    for node in root.walk():
+        if node.children:
+            index, first_child = node.placement
+            # Subtracted from 0 instead of negated, which could make -0.0.
+            nodes[index] = node.box[:3], first_child, 0 - node.box[BOX_NEGATED_MAX : BOX_NEGATED_MAX + 3], 0

@@ -8,7 +8,7 @@ while all others wait: that is what the report measured, and `clbvh.builders.sah
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from ...bvh import Bvh
 from ...errors import PoolError
 from ...geometry.corners import Bounded, find_corners
-from ...structs import BOX_LANES, BOX_NEGATED_MAX, NODE, NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
+from ...structs import BOX_LANES, NODE, NODE_LANES
 from ...support.host_threads import cut_range
 from ...support.stopwatch import Stopwatch
 from ..executor import Executor
-from ..invariants import TopNode, place_top
+from ..invariants import TopNode, place_top, write_top
 from ..options import BuildOptions
 from . import steps
 from .steps import COUNTER_WORDS, LINKED_NODE, Rule, Task
@@ -36,14 +36,11 @@ class Range(TopNode):
     ----------
     ids : (m,) int32 or None
         Its own list of primitives, in variants whose nodes have one.
-    box : (8,) float32, a row of `structs.BOX`
-        Known when it has children.
     reference : int
         To it, or to its subtree's root, where a counter hands out nodes.
     """
 
     ids: NDArray[np.int32] | None
-    box: NDArray[np.float32] = field(default_factory=lambda: np.empty(BOX_LANES, np.float32))
     reference: int = -1
 
     @property
@@ -64,18 +61,6 @@ def divide_top(executor: Executor, root: Range, rule: Rule, threshold: int) -> N
                 Range(middle, node.end, node.depth + 1, lists[1]),
             )
         level = [child for node in level for child in node.children]
-
-
-def write_top(root: Range, nodes: NDArray[np.float32]) -> None:
-    """Write the nodes of the top, (N, 8) float32."""
-    node_ints = nodes.view(np.int32)
-    for node in root.walk():
-        if node.children:
-            index, first_child = node.placement
-            nodes[index, :3] = node.box[:3]
-            nodes[index, NODE_MAX : NODE_MAX + 3] = 0.0 - node.box[BOX_NEGATED_MAX : BOX_NEGATED_MAX + 3]
-            node_ints[index, NODE_FIRST] = first_child
-            node_ints[index, NODE_COUNT] = 0
 
 
 # The report's number of bins.
@@ -223,5 +208,5 @@ def _build_all(executor: Executor, step: Any, subtrees: list[Range], rule: Rule)
 def _place(executor: Executor, root: Range, subtrees: list[Range]) -> tuple[NDArray[np.float32], list[steps.Finished]]:
     """Create the nodes of the whole tree and write the top; return them, and the place of each subtree."""
     nodes = executor.create("nodes", (place_top(root), NODE_LANES), np.float32)
-    write_top(root, nodes)
+    write_top(root, nodes.view(NODE)[:, 0])
     return nodes, [steps.Finished(node.begin, node.node_count, node.placement) for node in subtrees]

@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...device.host.loops import Loops
-from ...structs import BOX_LANES
+from ...structs import BOX_LANES, NODE_COUNT, NODE_FIRST
 from ..executor import Arrays
-from ..invariants import WHOLE_TREE, Placement, place_subtree
+from ..invariants import WHOLE_TREE, Placement
 
 _LOOPS = Loops("ladder/build")
 
@@ -173,8 +173,14 @@ def flatten_counted(arrays: Arrays, root: int) -> None:
 
 def place_subtrees(arrays: Arrays, subtrees: Sequence[Finished]) -> None:
     """Copy subtrees to their indices in the whole tree."""
-    for begin, node_count, placement in subtrees:
-        place_subtree(arrays["rows"], 2 * begin, node_count, 0, placement, arrays["nodes"])
+    for first, node_count, (root, below) in subtrees:
+        rows = arrays["rows"][2 * first : 2 * first + node_count]
+        # Below the root, which has its sibling beside it, all descendants follow each other.
+        for part, index in ((rows[:1], root), (rows[1:], below)):
+            placed = arrays["nodes"][index : index + len(part)]
+            placed[:] = part
+            lanes = placed.view(np.int32)
+            lanes[lanes[:, NODE_COUNT] == 0, NODE_FIRST] += below - (2 * first + 1)
 
 
 def _build_of(arrays: Arrays) -> int:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...structs import BOX_NEGATED_MAX, NODE
+from ...structs import NODE
 from ..executor import Arrays, Executor
-from ..invariants import place_top
+from ..invariants import place_top, write_top
 from ..options import BuildOptions
 from ..prim_refs import SUBTREES, Bounds
 from .top import Range
@@ -36,13 +36,7 @@ def build_one(arrays: Arrays, begin: int, end: int, buffer: int, depth: int, bou
 def compact(executor: Executor, root: Range) -> NDArray[np.void]:
     """Return the nodes of the whole tree, (N,) `structs.NODE`, once all subtrees are built."""
     nodes = np.empty(place_top(root), NODE)
-    # Those of the top.
-    for node in root.walk():
-        if node.children:
-            index, first_child = node.placement
-            box = node.bounds[0]
-            # Subtracted from 0 instead of negated, which could make -0.0.
-            nodes[index] = box[:3], first_child, 0 - box[BOX_NEGATED_MAX : BOX_NEGATED_MAX + 3], 0
+    write_top(root, nodes)
     refs = executor.arrays["prim_refs"]
     subtrees = np.array([(node.end, node.node_count, *node.placement) for node in root.leaves()], np.int64)
     shares = np.array_split(subtrees, executor.workers)

@@ -93,6 +93,7 @@ def _split_nodes(executor: Executor, nodes: list[Range], depth: int, bins: int) 
     for node, left_count, (left, right) in zip(nodes, splits[:, 2].tolist(), child_bounds, strict=True):
         if left_count > 0:
             middle, below, buffer = node.begin + left_count, node.depth + 1, 1 - node.buffer
+            node.box = node.bounds[0]
             node.children = (
                 Range(node.begin, middle, below, buffer, left),
                 Range(middle, node.end, below, buffer, right),
