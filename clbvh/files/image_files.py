@@ -80,21 +80,24 @@ def write_picture(path: str | os.PathLike[str], rgb: NDArray[np.uint8]) -> None:
     write_atomically(path, lambda file: file.write(encoded))
 
 
-def encode_picture(rgb: NDArray[np.uint8], suffix: str) -> bytes:
+def encode_picture(pixels: NDArray[Any], suffix: str, **options: Any) -> bytes:
     """Return the bytes of a picture file.
 
     Parameters
     ----------
-    rgb : (height, width, 3) uint8
+    pixels : (height, width, 3) uint8
+        PNG files may have an alpha channel, or be of (height, width) bool.
     suffix : str
         One of `PICTURE_SUFFIXES`.
+    **options
+        Of Pillow, in place of the usual ones.
     """
     if suffix == ".ppm":
-        return encode_ppm(rgb)
+        return encode_ppm(pixels)
     import imageio.v3  # here, because it takes 60 ms and pictures need not be files
 
     kind = suffix.replace("jpeg", "jpg")
-    return imageio.v3.imwrite("<bytes>", rgb, plugin="pillow", extension=kind, **_PILLOW_OPTIONS[kind])
+    return imageio.v3.imwrite("<bytes>", pixels, plugin="pillow", extension=kind, **_PILLOW_OPTIONS[kind] | options)
 
 
 def encode_ppm(pixels: NDArray[Any]) -> bytes:

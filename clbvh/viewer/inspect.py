@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..files.image_files import encode_picture
 from ..geometry import Mesh
 from ..rendering.picture import Picture
 from ..scene.state import SceneState
@@ -91,8 +91,4 @@ def encode_mask(picked: Picked | None, picture: Picture) -> bytes:
     """Return a PNG, white where a picture shows the same part or instance; nothing where that is everything."""
     if picked is None or (not picked.faces and picture.scene.state.instance_count == 1):
         return b""
-    from PIL import Image
-
-    file = io.BytesIO()
-    Image.fromarray(picked.covers(picture.found)).save(file, "PNG", compress_level=1)
-    return file.getvalue()
+    return encode_picture(picked.covers(picture.found), ".png")

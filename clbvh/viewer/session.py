@@ -8,7 +8,6 @@ listed in docs/internals/viewer.md.
 
 from __future__ import annotations
 
-import io
 import math
 import reprlib
 import threading
@@ -519,7 +518,7 @@ class Session:
 
         picture = self._renderer.render(job.view, launch_s=_LAUNCH_S, on_samples=check)
         is_exact = job.is_last or picture.is_transparent
-        content = encode_picture(picture.pixels, ".png") if is_exact else _encode_jpeg(picture)
+        content = encode_picture(picture.pixels, ".png") if is_exact else encode_picture(picture.rgb, ".jpg", **_JPEG)
         spent_s = time.perf_counter() - begin
         if job.is_moving:
             # Half of the way in each frame, as the times of frames differ.
@@ -619,11 +618,3 @@ def _settings_of(camera: Camera) -> dict[str, Any]:
         "camera": None, "eye": camera.eye, "look_at": camera.look_at, "up": camera.up, "fov": camera.fov,
         "projection": camera.projection, "aperture": camera.aperture, "focus_distance": camera.focus_distance,
     }  # fmt: skip
-
-
-def _encode_jpeg(picture: Picture) -> bytes:
-    from PIL import Image
-
-    file = io.BytesIO()
-    Image.fromarray(picture.rgb).save(file, "JPEG", **_JPEG)
-    return file.getvalue()
