@@ -18,9 +18,10 @@ from ..builders.options import DEFAULT_QUALITY
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..device.open import open_device
-from ..errors import ConfigError
+from ..errors import ConfigError, MeshError
 from ..files.image_files import GAP, GROUND, TEXT_ROWS, draw_text
 from ..geometry import Mesh
+from ..scene.copies import DRAWS_PER_POINT, sample_surface
 from ..scene.scene import Scene
 from ..scene.state import SceneState
 from ..trace.hits.closest import count_steps
@@ -205,18 +206,14 @@ def mean_steps(steps: NDArray[np.void]) -> dict[str, float]:
 
 def _surface_rays(mesh: Mesh, count: int, generator: np.random.Generator) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return rays from points that are uniform over the surface; none for a mesh without area."""
-    corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(normals, axis=1)
-    if not areas.sum() > 0:
+    draws = generator.random((count, DRAWS_PER_POINT))
+    try:
+        points, normals = sample_surface(mesh.vertices, mesh.faces, draws, name=mesh.name)
+    except MeshError:
         return np.empty((0, 3)), np.empty((0, 3))
-    chosen = generator.choice(len(areas), count, p=areas / areas.sum())
-    a, b, c = corners[chosen].transpose(1, 0, 2)
-    root, share = np.sqrt(generator.random((count, 1))), generator.random((count, 1))
-    points = (1 - root) * a + root * (1 - share) * b + root * share * c
 
     # A unit normal plus a point of the unit sphere is distributed by the cosine.
-    upward = normals[chosen] / areas[chosen, None] * generator.choice([-1.0, 1.0], (count, 1))
+    upward = normals * generator.choice([-1.0, 1.0], (count, 1))
     sphere = generator.normal(size=(count, 3))
     sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
     size = float(np.ptp(mesh.vertices, axis=0).max())
