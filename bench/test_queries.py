@@ -7,6 +7,7 @@ import pytest
 
 import clbvh
 from clbvh.integrations.trimesh import RayMeshIntersector
+from clbvh.study.experiments.peers import choose_points, scatter_rays
 from clbvh.view.cameras.framing import frame_mesh
 
 from .paired import compare, measure_ms
@@ -45,12 +46,7 @@ def million(request, mesh):
     if request.param == "primary":
         camera = frame_mesh(mesh, aspect=TRIMESH_WIDTH / TRIMESH_HEIGHT)
         return tuple(np.ascontiguousarray(a.reshape(-1, 3)) for a in camera.rays(TRIMESH_WIDTH, TRIMESH_HEIGHT))
-    generator = np.random.default_rng(1)
-    size = np.ptp(mesh.vertices, axis=0).max()
-    origins = generator.normal(size=(TRIMESH_WIDTH * TRIMESH_HEIGHT, 3))
-    origins *= 2 * size / np.linalg.norm(origins, axis=1)[:, None]
-    targets = generator.uniform(-0.5, 0.5, origins.shape) * np.ptp(mesh.vertices, axis=0)
-    return origins + mesh.origin, targets - origins
+    return scatter_rays(mesh, TRIMESH_WIDTH * TRIMESH_HEIGHT, np.random.default_rng(1))
 
 
 def host_share(tracer, call) -> None:
@@ -135,12 +131,7 @@ def test_any_hit_against_closest_hit(primary, tracer, mesh):
 
 def test_closest_point_against_open3d(mesh, tracer, open3d):
     """Points near the surface, and anywhere in the box."""
-    generator = np.random.default_rng(2)
-    size = np.ptp(mesh.vertices, axis=0)
-    near = mesh.vertices[generator.integers(0, len(mesh.vertices), POINTS // 2)] + generator.normal(
-        scale=size.max() / 100, size=(POINTS // 2, 3)
-    )
-    points = np.concatenate((near, generator.uniform(-0.5, 0.5, (POINTS // 2, 3)) * size)) + mesh.origin
+    points = choose_points(mesh, POINTS, np.random.default_rng(2))
     packed = open3d.pack(points)
     host_share(tracer, lambda: tracer.closest_point(points))
     ratio = compare(

@@ -136,9 +136,9 @@ def _share(bench: Bench, name: str) -> Path:
     rays = {
         "coherent": (origins, directions),
         "shuffled": (origins[order], directions[order]),
-        "scattered": _scatter(mesh, len(order), generator),
+        "scattered": scatter_rays(mesh, len(order), generator),
     }
-    points = _choose_points(mesh, bench.scale.pick(*_POINTS) // bench.scale.shrink, generator)
+    points = choose_points(mesh, bench.scale.pick(*_POINTS) // bench.scale.shrink, generator)
     for item, arrays in {**rays, "points": (points,)}.items():
         # Engines that take float32 get the same numbers as those that take float64.
         np.save(folder / f"{item}.npy", np.asarray(arrays, np.float32))
@@ -147,7 +147,7 @@ def _share(bench: Bench, name: str) -> Path:
     return folder
 
 
-def _scatter(mesh: Mesh, count: int, generator: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def scatter_rays(mesh: Mesh, count: int, generator: np.random.Generator) -> tuple[NDArray[np.float64], ...]:
     """Return rays from all around towards the mesh's box, in no order."""
     extent = np.ptp(mesh.vertices, axis=0)
     origins = generator.normal(size=(count, 3))
@@ -157,7 +157,7 @@ def _scatter(mesh: Mesh, count: int, generator: np.random.Generator) -> tuple[ND
     return origins + mesh.origin, directions / np.linalg.norm(directions, axis=1)[:, None]
 
 
-def _choose_points(mesh: Mesh, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+def choose_points(mesh: Mesh, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
     """Return points, half of them near the surface and half anywhere in the box."""
     extent = np.ptp(mesh.vertices, axis=0)
     half = count // 2
