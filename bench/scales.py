@@ -8,15 +8,12 @@ Prints whole calls in milliseconds, medians of seven in turn, and their ratio.
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from functools import partial
 
 import numpy as np
+from paired import compare, measure_ms
 
 import clbvh
-
-CALLS = 7
 
 
 def main() -> None:
@@ -30,6 +27,12 @@ def main() -> None:
     origins, directions = clbvh.Camera(eye=(0.5, -2.5, 1.5), look_at=(0, 0, 0)).rays(1200, 800)
     starts, ways = generator.uniform(-1, 1, (500_000, 3)), generator.normal(size=(500_000, 3))
     points = generator.uniform(-1, 1, (200_000, 3))
+    calls = {
+        "picture": ("closest_hit", origins, directions),
+        "scattered": ("closest_hit", starts, ways),
+        "counts": ("count_hits", starts, ways),
+        "points": ("closest_point", points),
+    }
     for half in halves:
         ground = half * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) - [0, 0, 1.5]
         square = np.array([[0, 1, 2], [0, 2, 3]])
@@ -39,26 +42,10 @@ def main() -> None:
         joined = clbvh.Mesh.from_arrays(
             np.concatenate((vertices, ground)), np.concatenate((knot.faces, square + len(vertices)))
         )
-        with ExitStack() as stack:
-            one, two = (stack.enter_context(clbvh.Tracer(source)) for source in (joined, scene))
-            compare(f"{half:g} picture", lambda t: t.closest_hit(origins, directions), one, two)
-            compare(f"{half:g} scattered", lambda t: t.closest_hit(starts, ways), one, two)
-            compare(f"{half:g} counts", lambda t: t.count_hits(starts, ways), one, two)
-            compare(f"{half:g} points", lambda t: t.closest_point(points), one, two)
-
-
-def compare(name: str, call: Callable[[clbvh.Tracer], object], one: clbvh.Tracer, two: clbvh.Tracer) -> None:
-    """Print what a call takes of both tracers, in turn."""
-    times: dict[clbvh.Tracer, list[float]] = {one: [], two: []}
-    for _ in range(CALLS + 1):
-        for tracer, taken in times.items():
-            begin = time.perf_counter()
-            call(tracer)
-            taken.append(1e3 * (time.perf_counter() - begin))
-    of_one, of_two = (float(np.median(taken[1:])) for taken in times.values())
-    print(
-        f"{name:20} one mesh {of_one:7.1f} ms, two instances {of_two:7.1f} ms, ratio {of_one / of_two:.2f}", flush=True
-    )
+        with clbvh.Tracer(joined) as one, clbvh.Tracer(scene) as two:
+            for name, (query, *rays) in calls.items():
+                tasks = [partial(measure_ms, partial(getattr(tracer, query), *rays)) for tracer in (one, two)]
+                compare(f"{half:g} {name}, one mesh, two instances", *tasks)
 
 
 if __name__ == "__main__":
