@@ -184,6 +184,15 @@ def check_runtime(runtime: Runtime, library: Path | None) -> Outcome:
 
 def run_check(runtime: Runtime, library: Path | None, package: Path) -> tuple[int, subprocess.CompletedProcess[str]]:
     """Run `clbvh doctor --conformance` of the package in a folder; return a simulator's findings, and the process."""
+    words = "-m", "clbvh", "doctor", "--conformance", "--json", "--device", runtime.device, *runtime.arguments
+    done = run_python(runtime, library, package, words, timeout=runtime.time_limit_s)
+    return count_findings(done.stderr) if runtime.is_simulator else 0, done
+
+
+def run_python(
+    runtime: Runtime, library: Path | None, package: Path, words: Sequence[str], *, timeout: float | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run Python with these words, and with this runtime as the only driver; None for what it finds by itself."""
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | runtime.environment | {"PYTHONPATH": str(package)}
         environment.pop("CLBVH_DEVICE", None)
@@ -196,17 +205,10 @@ def run_check(runtime: Runtime, library: Path | None, package: Path) -> tuple[in
             environment["OCL_ICD_VENDORS"] = str(icd)
             searched = [str(library.parent), environment.get("LD_LIBRARY_PATH", "")]
             environment["LD_LIBRARY_PATH"] = os.pathsep.join(filter(None, searched))
-        command = [sys.executable, "-m", "clbvh", "doctor", "--conformance", "--json", "--device", runtime.device]
-        done = subprocess.run(
-            [*command, *runtime.arguments],
-            env=environment,
-            cwd=package,
-            capture_output=True,
-            text=True,
-            timeout=runtime.time_limit_s,
-            check=False,
+        command = [sys.executable, *words]
+        return subprocess.run(
+            command, env=environment, cwd=package, capture_output=True, text=True, timeout=timeout, check=False
         )
-        return count_findings(done.stderr) if runtime.is_simulator else 0, done
 
 
 def finds_planted_write(runtime: Runtime, library: Path) -> bool:

@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import statistics
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from compare_runtimes import PROJECT, RUNTIMES, Runtime
+from compare_runtimes import PROJECT, RUNTIMES, Runtime, run_python
 
 WIDTH, HEIGHT = 1280, 720
 POINTS = 50_000
@@ -61,20 +58,10 @@ def _time(call: Callable[[], object]) -> float:
 
 def run(runtime: Runtime, library: Path | None, mesh: str) -> dict[str, object]:
     """Measure one runtime in a process of its own."""
-    with tempfile.TemporaryDirectory() as folder:
-        environment = os.environ | runtime.environment | {"PYTHONPATH": str(PROJECT), "OCL_ICD_VENDORS": folder}
-        environment.pop("CLBVH_DEVICE", None)
-        if runtime.name != "pocl":
-            icd = Path(folder) / "runtime.icd"
-            icd.write_text(f"{library}\n")
-            environment["OCL_ICD_VENDORS"] = str(icd)
-            searched = [str(library.parent), environment.get("LD_LIBRARY_PATH", "")]
-            environment["LD_LIBRARY_PATH"] = os.pathsep.join(filter(None, searched))
-        command = [sys.executable, __file__, "--only", mesh, runtime.device]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise SystemExit(f"{runtime.name}: {done.stderr.strip().splitlines()[-1]}")
-        return json.loads(done.stdout)
+    done = run_python(runtime, library, PROJECT, (__file__, "--only", mesh, runtime.device))
+    if done.returncode:
+        raise SystemExit(f"{runtime.name}: {done.stderr.strip().splitlines()[-1]}")
+    return json.loads(done.stdout)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -88,12 +75,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.only:
         print(json.dumps(measure(*options.only)))
         return
+    meshes = [str(Path(mesh).resolve()) if Path(mesh).is_file() else mesh for mesh in options.meshes]
     named = {name: Path(path) for name, _, path in (text.partition("=") for text in options.library)}
     libraries = {runtime.name: named.get(runtime.name) or runtime.find_library() for runtime in RUNTIMES}
     runtimes = [runtime for runtime in RUNTIMES if libraries[runtime.name] is not None and not runtime.is_simulator]
     taken: dict[tuple[str, str, str], list[float]] = {}
     for _ in range(options.rounds):
-        for mesh in options.meshes:
+        for mesh in meshes:
             for runtime in runtimes:
                 report = run(runtime, libraries[runtime.name], mesh)
                 print(runtime.name, report["device"], Path(mesh).name, report["ms"], file=sys.stderr, flush=True)
