@@ -12,7 +12,7 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import MeshError
+from ..errors import ClbvhError, MeshError
 
 # PoCL 3.0 ends the oldest mapping at an address, be it one that another thread has only begun: one begins at a time.
 _mapping = Lock()
@@ -104,6 +104,21 @@ def check_numbers(array: NDArray[Any], name: str) -> None:
     """Raise `MeshError` unless the array's dtype is one of real numbers."""
     if not np.issubdtype(array.dtype, np.floating) and not np.issubdtype(array.dtype, np.integer):
         raise MeshError(f"{name} must be numbers, not {array.dtype}")
+
+
+def read_numbers(values: ArrayLike, name: str, error: type[ClbvhError]) -> NDArray[Any]:
+    """Return an array of real numbers, of any dtype for them, or raise the error."""
+    try:
+        numbers = np.asarray(on_host(values))
+        if numbers.dtype == object:
+            numbers = numbers.astype(np.float64)
+    except (TypeError, ValueError, OverflowError) as fault:
+        raise error(f"{name} must be numbers: {fault}") from fault
+    if has_masked_values(values):
+        raise error(f"{name} must be numbers, but some are masked: fill them, or leave them out")
+    if numbers.dtype.kind not in "iuf":
+        raise error(f"{name} must be numbers, not {numbers.dtype}")
+    return numbers
 
 
 def copy_as_float64(array: NDArray[Any]) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
-from ..geometry.arrays import has_masked_values
+from ..geometry.arrays import read_numbers
 from ..geometry.local_frame import is_singular, rotation_matrix
 from ..geometry.mesh import Mesh
 from .handles import Vector, read_vector, shorten
@@ -70,7 +70,7 @@ class Transform:
             raise SceneError(f"{expected}, not {self.scale!r}")
         object.__setattr__(self, "scale", scale[0] if is_number else scale)
         if self.rows is not None:
-            rows = _as_numbers(self.rows, "the transform's rows")
+            rows = read_numbers(self.rows, "the transform's rows", SceneError)
             matrix = check_transform(np.vstack((rows, np.eye(4)[3:])) if rows.shape == (3, 4) else rows)
             if (self.scale, self.rotate, self.translate) != (1.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)):
                 raise SceneError("a transform has rows, or scale, rotate and translate, not both")
@@ -104,7 +104,7 @@ class Transform:
                [ 0.,  0.,  1.,  0.],
                [ 0.,  0.,  0.,  1.]])
         """
-        parts = _as_numbers(quaternion, "the quaternion")
+        parts = read_numbers(quaternion, "the quaternion", SceneError)
         if parts.shape != (4,) or not np.isfinite(parts).all() or not parts.any():
             raise SceneError(
                 f"a quaternion must be four finite numbers w, x, y, z, not all 0, not {shorten(quaternion)}"
@@ -191,7 +191,7 @@ def check_transform(transform: ArrayLike | None, name: str = "the transform") ->
     """
     if transform is None:
         return np.eye(4)
-    matrix = _as_numbers(transform, name)
+    matrix = read_numbers(transform, name, SceneError)
     if matrix.shape != (4, 4):
         raise SceneError(f"{name} must be a matrix of shape (4, 4), not {matrix.shape}")
     return check_transforms(matrix[None], lambda _: name)[0]
@@ -216,7 +216,7 @@ def check_transforms(
         Another shape or dtype, an entry that is not finite, another last row, or a matrix that has no inverse to within
         rounding. The message names the first fault.
     """
-    array = _as_numbers(transforms, "the transforms")
+    array = read_numbers(transforms, "the transforms", SceneError)
     if array.ndim != 3 or array.shape[1:] != (4, 4):
         raise SceneError(f"the transforms must be an array of shape (n, 4, 4), not {array.shape}")
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is found below
@@ -227,18 +227,6 @@ def check_transforms(
             index = begin + int(np.argmax(faults != 0))
             raise SceneError(f"{name_of(index)} {_describe_fault(faults[index - begin], matrices[index])}")
     return matrices
-
-
-def _as_numbers(values: ArrayLike, name: str) -> NDArray:
-    try:
-        array = np.asarray(values)
-    except (ValueError, TypeError) as error:
-        raise SceneError(f"{name} must be a matrix of shape (4, 4): {error}") from error
-    if has_masked_values(values):
-        raise SceneError(f"{name} must be numbers, but some are masked")
-    if array.dtype.kind not in "iuf":
-        raise SceneError(f"{name} must be numbers, not {array.dtype}")
-    return array
 
 
 def _describe_fault(fault: int, matrix: NDArray[np.float64]) -> str:

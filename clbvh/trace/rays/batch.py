@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...device.host.library import find_addresses
 from ...errors import QueryError
-from ...geometry.arrays import has_masked_values, on_host
+from ...geometry.arrays import on_host, read_numbers
 from ...support.memory import check_memory
 
 _FLOAT64 = np.dtype(np.float64)
@@ -241,7 +241,7 @@ def _check_vectors(vectors: Any, name: str) -> None:
 
 
 def _read_any_vectors(values: ArrayLike, name: str) -> NDArray[Any]:
-    vectors = _read_numbers(values, name)
+    vectors = read_numbers(values, name, QueryError)
     if vectors.dtype not in _FLOATS:
         with np.errstate(over="ignore"):  # of a wider dtype; what is not finite is refused later, by its index
             vectors = vectors.astype(np.float64)
@@ -249,21 +249,6 @@ def _read_any_vectors(values: ArrayLike, name: str) -> NDArray[Any]:
         vectors = vectors.reshape(0, 3)
     _check_vectors(vectors, name)
     return vectors if vectors.flags.aligned else vectors.copy()
-
-
-def _read_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
-    """Return an array of real numbers, of any dtype for them."""
-    try:
-        numbers = np.asarray(on_host(values))
-        if numbers.dtype == object:
-            numbers = numbers.astype(np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise QueryError(f"{name} must be numbers: {error}") from error
-    if has_masked_values(values):
-        raise QueryError(f"{name} must be numbers, but some are masked: fill them, or leave them out")
-    if numbers.dtype.kind not in "iuf":
-        raise QueryError(f"{name} must be numbers, not {numbers.dtype}")
-    return numbers
 
 
 def read_lengths(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Broadcast:
@@ -277,7 +262,7 @@ def _read_limits(
     """Return a limit of rays of this leading shape; infinity is allowed."""
     if type(values) is float and values >= least:  # in a tenth of the time, which matters for a single ray
         return _as_limit(values)
-    numbers = _read_numbers(values, name)
+    numbers = read_numbers(values, name, QueryError)
     _check_fit(numbers, name, shape, subject_name)
     limits = _cut_repetitions(numbers, 0).astype(np.float64, copy=False)
     # Written so that NaN is bad.
@@ -299,7 +284,7 @@ def _as_limit(value: float) -> NDArray[np.float64]:
 
 def read_masks(values: ArrayLike, shape: tuple[int, ...], subject: str) -> NDArray[np.uint32]:
     """Return the masks of rays or points, as messages call them, of this leading shape."""
-    masks = _read_numbers(values, "mask")
+    masks = read_numbers(values, "mask", QueryError)
     if masks.dtype.kind not in "iu":
         raise QueryError(f"mask must be integers, not {masks.dtype}")
     _check_fit(masks, "mask", shape, subject)
