@@ -35,6 +35,7 @@ def images(
     depth_scale: Annotated[float | None, Parameter(show_default="a round one that fits")] = None,
     camera_file: Annotated[Path | None, Parameter(metavar="FILE.json")] = None,
     next_camera_file: Annotated[Path | None, Parameter(metavar="FILE.json")] = None,
+    point_radius: options.PointRadius = None,
     view: options.Given = options.NOTHING,
     tree: options.Given = options.NOTHING,
     as_json: options.AsJson = False,
@@ -69,7 +70,15 @@ def images(
     wanted = options.make_options(RenderOptions, tree)
     changes = options.read_changes(view) | ({} if first is None else {"camera": first})
     with Progress() as progress:
-        made = render_images(list(sources), names, None, wanted, next_camera=second, **progress.callbacks, **changes)
+        made = render_images(
+            options.find_source(sources, point_radius),
+            names,
+            None,
+            wanted,
+            next_camera=second,
+            **progress.callbacks,
+            **changes,
+        )
     made_s = progress.spent_s
     for path in output:
         made.save(path, depth_scale=depth_scale if path.suffix.lower() in FILES_SUFFIXES else None)

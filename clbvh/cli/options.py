@@ -42,6 +42,10 @@ OUTPUT = Parameter(name=("--output", "-o"), metavar="FILE")
 Outputs = Annotated[
     list[Path], OUTPUT, Parameter(help="File of the picture, .png, .jpg or .ppm; may be given several times.")
 ]
+PointRadius = Annotated[
+    float | None,
+    Parameter(help="Radius of the spheres around the points of a file without faces.", show_default="by their spacing"),
+]
 Device = Annotated[str | None, Parameter(metavar="DEVICE", help=DEVICE_HELP, show_default="a GPU, if there is one")]
 AsJson = Annotated[bool, Parameter(name="--json", help="Print one JSON object instead of tables.")]
 
@@ -108,6 +112,15 @@ def list_view_options(*, without: tuple[str, ...] = (), shown: Mapping[str, str]
             allow_leading_hyphen=True,
         )  # fmt: skip
     return options
+
+
+def find_source(sources: Sequence[str], point_radius: float | None) -> Any:
+    """Return what is to be drawn: the paths, or a scene of points with a radius."""
+    if point_radius is None:
+        return list(sources)
+    from ..files.open_scene import open_points
+
+    return open_points(sources, point_radius)
 
 
 def read_changes(given: Given) -> dict[str, Any]:

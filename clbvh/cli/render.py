@@ -28,6 +28,7 @@ def render(
     heatmap: Annotated[str | None, Parameter(metavar="nodes|triangles")] = None,
     time_limit_s: Annotated[float | None, Parameter(name="--time", metavar="SECONDS")] = None,
     keep: bool = False,
+    point_radius: options.PointRadius = None,
     view: options.Given = options.NOTHING,
     tree: options.Given = options.NOTHING,
     as_json: options.AsJson = False,
@@ -68,7 +69,8 @@ def render(
     stopped = threading.Event()
     with Progress() as progress, calling_on_interrupt(stopped.set) if keep else nullcontext():
         picture = draw(
-            list(sources), None, wanted, time_limit_s=time_limit_s, on_samples=progress.show_samples(time_limit_s),
+            options.find_source(sources, point_radius), None, wanted, time_limit_s=time_limit_s,
+            on_samples=progress.show_samples(time_limit_s),
             is_stopped=stopped.is_set, on_phase=progress.enter, **options.read_changes(view),
         )  # fmt: skip
     report = picture.report()

@@ -16,6 +16,7 @@ _SHOWN = {"width": f"{SHEET_WIDTH}, of each view", "height": f"{SHEET_HEIGHT}, o
 def sheet(
     *sources: options.Sources,
     output: options.Outputs,
+    point_radius: options.PointRadius = None,
     view: options.Given = options.NOTHING,
     tree: options.Given = options.NOTHING,
     as_json: options.AsJson = False,
@@ -30,7 +31,7 @@ def sheet(
     wanted = options.make_options(RenderOptions, tree)
     changes = options.read_changes(view)
     with Progress() as progress:
-        made = contact_sheet(list(sources), None, wanted, **progress.callbacks, **changes)
+        made = contact_sheet(options.find_source(sources, point_radius), None, wanted, **progress.callbacks, **changes)
     for path in output:
         made.save(path)
     rows, columns, _ = made.rgb.shape

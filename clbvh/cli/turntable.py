@@ -29,6 +29,7 @@ def turntable(
     frames: Annotated[int, Parameter(converter=options.read_whole, show_default=True)] = DEFAULT_FRAMES,
     frame_rate: Annotated[float, Parameter(name="--fps", show_default=True)] = DEFAULT_FRAME_RATE,
     cluster: Annotated[str | None, Parameter(metavar="ADDRESS")] = None,
+    point_radius: options.PointRadius = None,
     view: options.Given = options.NOTHING,
     tree: options.Given = options.NOTHING,
     as_json: options.AsJson = False,
@@ -54,10 +55,11 @@ def turntable(
     check_frame_count(frames)
     wanted = options.make_options(RenderOptions, tree)
     changes = options.read_changes(view) | {"frames": frames, "frames_per_s": frame_rate}
+    source = options.find_source(sources, point_radius)
     with Progress() as progress:
         seen = render_turntable(
-            list(sources), output, None, wanted, on_frame=progress.show_share,
-            draw=None if cluster is None else partial(_draw_on, cluster, list(sources), wanted),
+            source, output, None, wanted, on_frame=progress.show_share,
+            draw=None if cluster is None else partial(_draw_on, cluster, source, wanted),
             **progress.callbacks, **changes,
         )  # fmt: skip
     size, spent_s = output.stat().st_size, progress.spent_s
@@ -77,7 +79,7 @@ def turntable(
     print_report(report, line, as_json=as_json, notes=progress.notes)
 
 
-def _draw_on(cluster: str, sources: list[str], wanted: RenderOptions, views: list[Any]) -> Iterator[Any]:
+def _draw_on(cluster: str, source: Any, wanted: RenderOptions, views: list[Any]) -> Iterator[Any]:
     """Yield the frames that the workers of a cluster render of a scene, which goes to them as it is here."""
     try:
         from distributed import Client
@@ -92,7 +94,7 @@ def _draw_on(cluster: str, sources: list[str], wanted: RenderOptions, views: lis
     except (OSError, ValueError) as error:
         raise ConfigError(f"{cluster}: no scheduler of a Dask cluster answers there: {error}") from error
     with client:
-        frames = client.compute(render_frames(SceneRef.embed(sources), views, wanted))
+        frames = client.compute(render_frames(SceneRef.embed(source), views, wanted))
         while frames:
             # The cluster forgets it then.
             yield frames.pop(0).result()

@@ -19,6 +19,7 @@ _WITHOUT = ("validate",)
 def view(
     *sources: options.Sources,
     no_browser: bool = False,
+    point_radius: options.PointRadius = None,
     view: options.Given = options.NOTHING,
     tree: options.Given = options.NOTHING,
 ) -> None:
@@ -35,7 +36,7 @@ def view(
     from ..viewer.serve import serve
 
     wanted = options.make_options(RenderOptions, tree)
-    open_renderer = prepare(list(sources), None, wanted, options.read_changes(view))
+    open_renderer = prepare(options.find_source(sources, point_radius), None, wanted, options.read_changes(view))
 
     def tell(address: str, port: int) -> None:
         print(address)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeAlias
 
 from ..bvh import Bvh
 from ..errors import SceneError
-from ..geometry import MeshLike, Spheres
-from ..geometry.as_mesh import HasGraph
+from ..geometry import MeshLike, Spheres, load_mesh
+from ..geometry.as_mesh import HasGraph, spheres_of_file
+from ..geometry.loading.file_mesh import PointCloudError
 from ..scene.scene import Scene
 from ..scene.state import SAVED_SCENE
 from ..support.archive import begins_with_member
@@ -96,6 +98,27 @@ def open_scene(source: str | os.PathLike[str]) -> tuple[Scene, View]:
         names = sorted(path.stem for path in find_folder("scenes").glob(f"*{SCENE_SUFFIX}"))
         raise SceneError(f"{text}: no such file, and no shipped scene: these are {', '.join(names)}")
     return Scene(text), View()
+
+
+def open_points(paths: Sequence[str], radius: float) -> Scene:
+    """Return a scene of files of points, as spheres of a radius.
+
+    Raises
+    ------
+    SceneError
+        A file has faces.
+    MeshError
+        A file cannot be read, or the radius is not above 0.
+    """
+    scene = Scene()
+    for path in paths:
+        try:
+            load_mesh(path)
+        except PointCloudError as error:
+            scene.place(scene.add(spheres_of_file(error, path, radius)))
+            continue
+        raise SceneError(f"{path}: the file has faces: a radius is for points alone")
+    return scene
 
 
 def _open_mesh_files(paths: list[str]) -> tuple[Scene, View]:

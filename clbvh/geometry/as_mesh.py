@@ -8,17 +8,20 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Iterable
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MeshError
-from .loading.file_mesh import Problems, finish_looks, join_channels, spread_colours
+from .loading.file_mesh import PointCloudError, Problems, finish_looks, join_channels, spread_colours
 from .loading.load import load_mesh
 from .loading.polygons import cut_polygons
 from .loading.trimesh import HasGraph, HasTriangles, describe, join_graph, mesh_of_object, read_graph, reading
 from .mesh import Mesh
+from .spheres import Shape, Spheres
 
 
 @runtime_checkable
@@ -78,6 +81,52 @@ def as_mesh(thing: MeshLike, *, or_else: str = "") -> Mesh:
         f"expected {or_else}{', ' if or_else else ''}a clbvh.Mesh, a mesh of trimesh, pyvista, Open3D or meshio, the "
         f"path of a mesh file, or a pair (vertices, faces), not {describe(thing)}"
     )
+
+
+def as_shape(thing: Shape | MeshLike, *, or_else: str = "clbvh.Spheres") -> Shape:
+    """Return the mesh that a user means, or the spheres; those around the points of a cloud, see `Spheres.from_points`.
+
+    Parameters
+    ----------
+    thing : Spheres, or as `as_mesh`
+        Also a file without faces, and a point cloud of trimesh or Open3D.
+    or_else : str, optional
+        See `as_mesh`.
+
+    Raises
+    ------
+    MeshError
+        As `as_mesh`.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from clbvh.geometry.as_mesh import as_shape
+    >>> as_shape(trimesh.PointCloud([[0, 0, 0], [1, 0, 0], [0, 1, 0]]))
+    Spheres('PointCloud', count=3)
+    """
+    if isinstance(thing, Spheres):
+        return thing
+    if type(thing).__name__ == "PointCloud":  # of trimesh, and of both kinds of Open3D
+        return Spheres.from_points(_read_cloud(thing), name="PointCloud")
+    try:
+        return as_mesh(thing, or_else=or_else)
+    except PointCloudError as error:
+        return spheres_of_file(error, thing)  # type: ignore[arg-type]  # only files have points alone
+
+
+def spheres_of_file(error: PointCloudError, path: str | os.PathLike[str], radius: ArrayLike | None = None) -> Spheres:
+    """Return the spheres around the points of a file that has no faces, as its loader said."""
+    points, colours = np.asarray(error.cloud.vertices), error.cloud.point_colours
+    return Spheres.from_points(points, radius, colours=colours, name=Path(path).name)
+
+
+def _read_cloud(thing: Any) -> Any:
+    """Return a point cloud with the attributes of those of trimesh."""
+    if not hasattr(thing, "point"):
+        return thing
+    colours = thing.point.colors.cpu().numpy() if "colors" in thing.point else None
+    return SimpleNamespace(vertices=thing.point.positions.cpu().numpy(), colors=colours)
 
 
 def _read_arrays(thing: Any, name: str) -> tuple[Any, ...] | None:

@@ -23,7 +23,10 @@ from .arrays import as_array, check_numbers, copy_as_float64
 from .coincident import NO_COINCIDENCE, Coincidence
 from .local_frame import LocalFrame, find_bounds, find_frame, shift_and_scale
 from .mesh import MAX_FACE_COUNT, Mesh
+from .point_spacing import find_point_radius
 from .scales import LEAST_SHARE
+
+_MAX_BYTE = 255
 
 # Centre and radius in the user's coordinates and in local ones.
 _BYTES_PER_SPHERE = 48
@@ -74,6 +77,8 @@ class Spheres(LocalFrame):
     name : str
     appearance : Appearance, or None
         Colours and materials. No tree depends on it.
+    note : str
+        What a user should know of them, or nothing: `Picture.notes` has it.
 
     Raises
     ------
@@ -107,6 +112,7 @@ class Spheres(LocalFrame):
     scale: float
     name: str
     appearance: Appearance | None
+    note: str
 
     def __init__(
         self,
@@ -133,7 +139,57 @@ class Spheres(LocalFrame):
             scale=scale,
             local_centres=shift_and_scale(checked_centres, origin, scale),
             local_radii=local_radii,
+            note="",
         )
+
+    @classmethod
+    def from_points(
+        cls, points: Any, radius: ArrayLike | None = None, *, colours: ArrayLike | None = None, name: str = "points"
+    ) -> Spheres:
+        """Return a sphere around each point of a cloud, so that it can be traced and drawn.
+
+        Parameters
+        ----------
+        points : (n, 3) float, or a point cloud of trimesh or Open3D
+        radius : float, or (n,) float, optional
+            By default three quarters of the median distance between a point and its sixth neighbour, so that spheres on
+            a surface overlap; `note` says it.
+        colours : (n, 3) or (n, 4) uint8, or float from 0 to 1, optional
+            sRGB, and alpha. By default those of the object.
+        name : str, optional
+
+        Raises
+        ------
+        MeshError
+            See `Spheres`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import numpy as np
+        >>> ground = np.stack(np.meshgrid(np.arange(30), np.arange(20), [0]), axis=-1).reshape(-1, 3)
+        >>> cloud = clbvh.Spheres.from_points(ground)
+        >>> cloud, cloud.radii[0].round(2)
+        (Spheres('points', count=600), 1.06)
+        """
+        for of_points, of_colours in (("vertices", "colors"), ("points", "colors")):
+            if hasattr(points, of_points):
+                colours = getattr(points, of_colours, None) if colours is None else colours
+                points = getattr(points, of_points)
+                break
+        checked = _check_centres(points, name)
+        note = ""
+        if radius is None:
+            radius = find_point_radius(checked)
+            note = f"{name}: the points are spheres of the radius {radius:.3g}, by their spacing"
+        if colours is not None:
+            colours = np.asarray(colours)
+            colours = np.rint(colours * _MAX_BYTE).astype(np.uint8) if colours.dtype.kind == "f" else colours
+            colours = colours if len(colours) else None
+        white = () if colours is None else (Material(base_colour=(1.0, 1.0, 1.0)),)
+        spheres = cls(checked, radius, name=name, colours=colours, materials=white)
+        vars(spheres)["note"] = note
+        return spheres
 
     @classmethod
     def from_arrays(cls, centres: ArrayLike, radii: ArrayLike, *, name: str = "spheres", **looks: Any) -> Spheres:

@@ -14,8 +14,9 @@ from ..device.info import DeviceInfo
 from ..device.open import open_device
 from ..device.select import choose_device
 from ..device.session import DeviceSession
-from ..geometry import Mesh, MeshLike, as_mesh
+from ..geometry import Mesh, MeshLike, Shape, as_mesh
 from ..geometry.arrays import is_device_array, wait_for
+from ..geometry.as_mesh import as_shape
 from ..geometry.local_frame import find_frame
 from ..geometry.mesh import MAX_FACE_COUNT
 
@@ -132,10 +133,21 @@ class DeviceMesh(Mesh):
         return stored[name][0] if name in stored and self.session.context == session.context else None
 
 
-def take_mesh(source: MeshLike, device: DeviceInfo | str | int | None, *, or_else: str = "") -> Mesh:
+def take_mesh(source: MeshLike, device: DeviceInfo | str | int | None) -> Mesh:
     """Return the mesh that a user means, see `as_mesh`; arrays stay where they are if that is the wanted device."""
-    if not (isinstance(source, tuple | list) and len(source) == 2 and any(map(is_device_array, source))):
-        return as_mesh(source, or_else=or_else)
+    return _take_arrays(source, device) if _is_on_device(source) else as_mesh(source)
+
+
+def take_shape(source: Shape | MeshLike, device: DeviceInfo | str | int | None, *, or_else: str) -> Shape:
+    """Return the mesh or the spheres that a user means, see `as_shape`; arrays of a mesh as `take_mesh`."""
+    return _take_arrays(source, device) if _is_on_device(source) else as_shape(source, or_else=or_else)
+
+
+def _is_on_device(source: Any) -> bool:
+    return isinstance(source, tuple | list) and len(source) == 2 and any(map(is_device_array, source))
+
+
+def _take_arrays(source: Any, device: DeviceInfo | str | int | None) -> Mesh:
     vertices, faces = source
     mesh = None
     if is_device_array(vertices) and is_device_array(faces) and vertices.context == faces.context:

@@ -90,6 +90,12 @@ class DrawnScene:
         """What `make_look_tables` has to know."""
         return Looks(*dress_shapes(self.state), self.state.colours)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Facts about the objects that a user should know."""
+        notes = (shape.note for shape in self.state.shapes if not isinstance(shape, Mesh))
+        return tuple(dict.fromkeys(filter(None, notes)))
+
     @cached_property
     def has_lamps(self) -> bool:
         """Whether a material emits light."""

@@ -345,7 +345,7 @@ class Renderer(ContextManager):
             workers=0 if built is None else built.workers,
             timings=add_total({phase: own_ms.get(phase, 0.0) for phase in [*self.timings][:-2]}, watch.total_ms),
             tree_from_cache=built is not None and built.from_cache,
-            notes=(*(built.notes if built is not None else ()), *finder.notes(given)),
+            notes=(*(built.notes if built is not None else ()), *scene.notes, *finder.notes(given)),
         )
         if not self._options.validate:
             return picture
@@ -657,7 +657,8 @@ class Renderer(ContextManager):
         ...     renderer.list_notes()
         ()
         """
-        return self._look().finder.notes(self._find_view(view, changes))
+        drawn = self._look()
+        return (*drawn.scene.notes, *drawn.finder.notes(self._find_view(view, changes)))
 
     def _find_view(self, view: View | None, changes: Mapping[str, Any]) -> View:
         _check_type("view", view, View)

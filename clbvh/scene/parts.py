@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import SceneError
+from ..geometry.as_mesh import spheres_of_file
+from ..geometry.loading.file_mesh import PointCloudError
 from ..geometry.loading.file_parts import Parts, Placed, multiplies
 from ..geometry.loading.trimesh import HasGraph, join_graph, read_graph
 from ..geometry.mesh import Mesh
@@ -35,8 +37,12 @@ def parts_of_file(path: str | os.PathLike[str], load: Callable[[str | os.PathLik
     load : function
         `load_parts`, or `load_placed`, which joins the parts unless that would multiply the triangles.
     """
-    loaded = load(path)
     file = Path(path)
+    try:
+        loaded = load(path)
+    except PointCloudError as error:
+        name = name_of_file(file.name)
+        return Parts([(spheres_of_file(error, path), name)], [Placed(name, 0, np.eye(4))])
     shapes: list[tuple[Shape, str]] = [
         (mesh, name_of_file(file.name))
         if mesh.name == file.name

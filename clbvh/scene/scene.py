@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..geometry.appearance.material import Material
-from ..geometry.as_mesh import HasGraph, MeshLike, as_mesh
+from ..geometry.as_mesh import HasGraph, MeshLike, as_shape
 from ..geometry.loading.file_parts import Parts, Placed
 from ..geometry.loading.load import load_parts, load_placed
 from ..geometry.spheres import Shape, Spheres
@@ -237,7 +237,7 @@ class Scene:
             raise SceneError(f"{source!r} is in a scene already: place it again, or add its shape to another scene")
         if isinstance(source, Scene):
             raise SceneError("a clbvh.Scene has geometries and places for them: add it by `add_parts`")
-        shape = source if isinstance(source, Spheres) else as_mesh(source, or_else="clbvh.Spheres")
+        shape = as_shape(source)
         wish = name_of_file(shape.name) if isinstance(source, str | os.PathLike) else shape.name
         return self._add(shape, name, wish)
 

@@ -17,9 +17,9 @@ from ..device.open import open_device
 from ..device.session import DeviceSession
 from ..device.times import CommandTimes
 from ..errors import QueryError, SceneError
-from ..geometry import Mesh, MeshLike, Shape
+from ..geometry import MeshLike, Shape, Spheres
 from ..geometry.as_mesh import HasGraph
-from ..layouts.device_mesh import open_session, take_mesh
+from ..layouts.device_mesh import open_session, take_shape
 from ..scene.scene import Scene
 from ..scene.state import SceneState
 from ..support.forks import make_lock
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from ..builders.tree_cache import BuildResult
     from ..builders.tree_options import TreeOptions
 
-Traceable: TypeAlias = Scene | Bvh | MeshLike
-"""Anything that rays can be cast at: a `Scene`, a `Bvh`, or a `MeshLike`."""
+Traceable: TypeAlias = Scene | Bvh | Spheres | MeshLike
+"""Anything that rays can be cast at: a `Scene`, a `Bvh`, `Spheres`, or a `MeshLike`."""
 
 Plans: TypeAlias = "Sequence[Bvh | BuildOptions] | None"
 """The tree of each geometry, or the options by which the device builds it; None for primitives without a tree."""
@@ -117,9 +117,10 @@ class Tracer(RayQueries, PointQueries, PairQueries, Moves):
 
     Parameters
     ----------
-    source : Scene, Bvh, Mesh, str, path, (vertices, faces), or an object of trimesh, pyvista, Open3D, meshio
-        A scene as it is now; a tree; or a mesh, see `clbvh.MeshLike`. A `trimesh.Scene` becomes a `Scene`. Trees are
-        built in this process, as `clbvh.build` does. A path names a mesh file. Vertices and faces may be a
+    source : Scene, Bvh, Spheres, Mesh, str, path, (vertices, faces), or an object of trimesh, pyvista, Open3D, meshio
+        A scene as it is now; a tree; spheres; or a mesh, see `clbvh.MeshLike`. A `trimesh.Scene` becomes a `Scene`, and
+        a point cloud spheres, see `clbvh.Spheres.from_points`. Trees are built in this process, as `clbvh.build` does.
+        A path names a mesh file, or one of points. Vertices and faces may be a
         `pyopencl.array.Array`, float32 or float64, and int32: with the quality ``"fast"`` they stay on their device,
         where the tracer then is; see `clbvh.build`.
     device : DeviceInfo, str, int, pyopencl.Device or None
@@ -161,12 +162,12 @@ class Tracer(RayQueries, PointQueries, PairQueries, Moves):
     ) -> None:
         check_layout(layout)
         source = Scene(source) if isinstance(source, HasGraph) else source
-        mesh = None if isinstance(source, Scene) else _find_mesh(source, device)
-        scene = source if isinstance(source, Scene) else Scene(mesh)
+        shape = None if isinstance(source, Scene) else _find_shape(source, device)
+        scene = source if isinstance(source, Scene) else Scene(shape)
         tree = source if isinstance(source, Bvh) else None
         opening, plans = Opening.plan(scene, tree, device, layout, quality)
         # A tree on the device is built once that is open.
-        self._open(opening, plans, lambda: open_session(mesh, device))
+        self._open(opening, plans, lambda: open_session(shape, device))
 
     def _open(self, opening: Opening, plans: Plans, find_session: Callable[[], DeviceSession]) -> None:
         """Put the trees on the device: what the constructor does when it knows them."""
@@ -283,8 +284,10 @@ class Tracer(RayQueries, PointQueries, PairQueries, Moves):
         return f"Tracer({name!r}, {counts}, device={self.device.name!r}, layout={self.layout!r})"
 
 
-def _find_mesh(source: Bvh | MeshLike, device: DeviceInfo | str | int | None) -> Mesh:
-    return source.mesh if isinstance(source, Bvh) else take_mesh(source, device, or_else="a clbvh.Bvh")
+def _find_shape(source: Bvh | Shape | MeshLike, device: DeviceInfo | str | int | None) -> Shape:
+    if isinstance(source, Bvh):
+        return source.mesh
+    return take_shape(source, device, or_else="a clbvh.Scene, clbvh.Spheres, a clbvh.Bvh")
 
 
 def _plan_trees(shapes: Sequence[Shape], quality: str) -> Sequence[Bvh | BuildOptions]:

@@ -39,6 +39,7 @@ class FileMesh(NamedTuple):
     """A mesh as the file has it, (V, 3) float and (F, 3) int, and its looks. The name may be empty.
 
     Where the file has no normals and declares faces flat, `flat_faces` is (F,) bool. The names of parts may be empty.
+    Without faces, `point_colours` are those of the vertices, (V, 4) uint8, if there are any.
     """
 
     name: str
@@ -47,6 +48,18 @@ class FileMesh(NamedTuple):
     appearance: Appearance | None = None
     flat_faces: NDArray[np.bool_] | None = None
     parts: tuple[Part, ...] = ()
+    point_colours: NDArray[np.uint8] | None = None
+
+
+class PointCloudError(MeshError):
+    """A file has points and no faces.
+
+    Attributes
+    ----------
+    cloud : FileMesh
+    """
+
+    cloud: FileMesh
 
 
 def read_named(path: Path, *, max_bytes: int | None = None) -> bytes:

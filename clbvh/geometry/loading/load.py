@@ -18,7 +18,7 @@ from ...errors import MeshError
 from ...support.files import read_errors_as, read_regular
 from ..mesh import Mesh
 from ..smooth_normals import flatten
-from .file_mesh import OFF_KEYWORD, FileMesh, Problems, decode_text, find_stl_end, has_stl_triangles
+from .file_mesh import OFF_KEYWORD, FileMesh, PointCloudError, Problems, decode_text, find_stl_end, has_stl_triangles
 from .file_parts import Parts, Placed, join_few, join_nodes, split_parts
 from .trimesh import PACKAGES
 
@@ -193,12 +193,15 @@ def _find_format(data: bytes, suffix: str) -> str:
 def _make_parts(file: Path, source: str, read: Parts[FileMesh]) -> Parts[Mesh]:
     """Return the meshes that have faces, and their nodes."""
     if not any(len(read.shapes[node.shape].faces) for node in read.placed):
-        vertex_count = sum(len(mesh.vertices) for mesh in read.shapes)
-        raise MeshError(
-            f"{source}: the file has {vertex_count:,} vertices but no faces: rays need a surface, not a point cloud"
-            if vertex_count
-            else f"{source}: the file has no triangles"
+        clouds = [mesh for mesh in read.shapes if len(mesh.vertices)]
+        if not clouds:
+            raise MeshError(f"{source}: the file has no triangles")
+        error = PointCloudError(
+            f"{source}: the file has {sum(len(mesh.vertices) for mesh in clouds):,} vertices but no faces: a point "
+            "cloud, which clbvh.Scene takes as spheres"
         )
+        error.cloud = clouds[0]
+        raise error
     loaded: Parts[Mesh] = Parts([], [])
     numbers: dict[int, int] = {}
     stem = file.stem or file.name

@@ -63,6 +63,10 @@ def read_obj(data: bytes, file: Path, problems: Problems) -> FileMesh:
     corners = cut_polygons(np.arange(len(vertex_ids)), sizes, vertex_ids, vertices)
     triangles = vertex_ids[corners]
 
+    if len(triangles) == 0 and rows.shape[1] in _COLOURED:
+        with problems.drop("the colours"):
+            return FileMesh("", vertices, triangles, point_colours=join_channels(list(rows[:, -3:].T), rows.dtype))
+
     looks: dict[str, NDArray] = {}
     if (normal_ids != -1).any():
         with problems.drop("the normals"):

@@ -105,7 +105,8 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
         raise MeshError("the mesh has no vertices with x, y and z")
     vertices = np.column_stack([columns["vertex"][axis].values for axis in "xyz"])
     if not (kinds := [kind for kind in _FACE_KINDS if kind in columns]):
-        return FileMesh("", vertices, np.empty((0, 3), dtype=np.int64))
+        no_faces = np.empty((0, 3), dtype=np.int64)
+        return FileMesh("", vertices, no_faces, point_colours=_read_point_colours(columns["vertex"], problems))
     of_faces = columns[kinds[0]]
     if not (names := [name for name in _FACE_LISTS if name in of_faces]):
         raise MeshError(f"the faces have no list '{_FACE_LISTS[0]}'")
@@ -123,6 +124,9 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
     else:
         faces = cut_polygons(ids, sizes, ids, vertices)
         report_edges(sizes, problems)
+
+    if len(faces) == 0:
+        return FileMesh("", vertices, faces, point_colours=_read_point_colours(columns["vertex"], problems))
 
     # The looks: values at corners, a white material for each texture, and the texture of each face.
     looks = _read_looks(columns["vertex"], of_faces, vertices, faces, (ids, sizes), problems)
@@ -198,10 +202,9 @@ def _read_looks(
             normals = np.column_stack([of_vertices[name].values for name in _NORMALS])
             looks["normals"] = spread_normals(normals, faces, vertices, faces)
     for columns in (of_vertices, of_faces):
-        if "colours" not in looks and (names := _find_names(columns, _COLOURS)):
+        if "colours" not in looks and _find_names(columns, _COLOURS):
             with problems.drop("the colours"):
-                channels = [columns[name] for name in [*names, *[name for name in _ALPHAS if name in columns][:1]]]
-                colours = join_channels([channel.values for channel in channels], channels[0].dtype)
+                colours = _join_colours(columns)
                 ids = np.repeat(_find_polygons(sizes)[:, None], 3, axis=1) if columns is of_faces else faces
                 looks["colours"] = spread_colours(colours, ids)
     if _CORNER_UVS in of_faces:
@@ -211,6 +214,19 @@ def _read_looks(
         with problems.drop("the texture coordinates"):
             looks["uvs"] = spread_uvs(np.column_stack([of_vertices[name].values for name in names]), faces)
     return looks
+
+
+def _read_point_colours(columns: Columns, problems: Problems) -> NDArray[np.uint8] | None:
+    if _find_names(columns, _COLOURS):
+        with problems.drop("the colours"):
+            return _join_colours(columns)
+    return None
+
+
+def _join_colours(columns: Columns) -> NDArray[np.uint8]:
+    """Return the colours of an element that has some, (n, 4) uint8."""
+    names = [*_find_names(columns, _COLOURS), *[name for name in _ALPHAS if name in columns][:1]]
+    return join_channels([columns[name].values for name in names], columns[names[0]].dtype)
 
 
 def _find_names(columns: Columns, choices: Sequence[tuple[str, ...]]) -> tuple[str, ...]:

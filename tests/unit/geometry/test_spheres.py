@@ -3,11 +3,15 @@
 import io
 import zipfile
 from fractions import Fraction
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trimesh
 
+import clbvh
 from clbvh import MeshError, Spheres
+from clbvh.files.open_scene import open_points
 from clbvh.geometry.corners import Boxes, bound_spheres, find_corners
 from clbvh.geometry.loading import spheres_file
 from clbvh.geometry.loading.spheres_file import read_spheres
@@ -158,3 +162,50 @@ def test_files_that_cannot_be_read_are_refused_by_name(read, tmp_path, monkeypat
         with pytest.raises(MeshError, match="needs too much"):
             read(name, content)
     assert asked[1] > 3 * 100_000 * 24
+
+
+class TestPointClouds:
+    GRID = np.stack(np.meshgrid(np.arange(40.0), np.arange(30.0), [0.0]), axis=-1).reshape(-1, 3)
+    RED = np.array([255, 0, 0], np.uint8)
+
+    @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
+    def test_the_radius_follows_the_spacing(self, scale):
+        # Six neighbours are 1, 1, 1, 1 and the square root of two away.
+        cloud = Spheres.from_points(self.GRID * scale)
+        assert np.unique(cloud.radii).size == 1
+        assert cloud.radii[0] == pytest.approx(0.75 * 2**0.5 * scale, rel=1e-9)
+        assert "spheres of the radius" in cloud.note
+        points = np.random.default_rng(0).random((200_000, 3)) * [1, 1, 0] * scale
+        assert Spheres.from_points(points).radii[0] == pytest.approx(scale / 200_000**0.5, rel=0.2)
+
+    def test_few_and_equal_points_have_a_radius(self):
+        for points in (self.GRID[:1], self.GRID[:2], np.zeros((9, 3)), np.repeat(self.GRID[:2], 20, axis=0)):
+            assert Spheres.from_points(points).radii[0] > 0
+        assert Spheres.from_points(self.GRID, 0.25).note == ""
+
+    def test_objects_and_files_are_taken_with_their_colours(self, session, tmp_path):
+        colours = np.tile([255, 0, 0, 255], (len(self.GRID), 1)).astype(np.uint8)
+        cloud = trimesh.PointCloud(self.GRID, colors=colours)
+        cloud.export(tmp_path / "scan.ply")
+        rows = "".join(f"v {x} {y} {z} 1 0 0\n" for x, y, z in self.GRID.tolist())
+        (tmp_path / "scan.obj").write_text(rows)
+        legacy = SimpleNamespace(points=self.GRID, colors=colours[:, :3] / 255)
+        for source in (cloud, tmp_path / "scan.ply", tmp_path / "scan.obj", Spheres.from_points(legacy)):
+            with clbvh.Tracer(source) as tracer:
+                assert tracer.closest_hit([3.1, 4.1, 5], [0, 0, -1]).t < 5
+                (spheres,) = tracer._caster.world.state.shapes
+                assert (spheres.appearance.colours == colours).all()
+        with clbvh.Renderer(tmp_path / "scan.ply", width=40, height=30) as renderer:
+            picture = renderer.render(side="top", up="z", shading="albedo", samples=1)
+            assert (picture.rgb[15, 20] == self.RED).all()
+            assert any("scan.ply: the points are spheres" in note for note in picture.notes)
+        with pytest.raises(MeshError, match=r"1,200 vertices but no faces: a point cloud, which clbvh\.Scene takes"):
+            clbvh.load_mesh(tmp_path / "scan.ply")
+
+    def test_a_radius_is_for_points_alone(self, tmp_path):
+        trimesh.PointCloud(self.GRID).export(tmp_path / "scan.ply")
+        trimesh.creation.box().export(tmp_path / "box.ply")
+        (placed,) = open_points([tmp_path / "scan.ply"], 0.3).instances
+        assert np.unique(placed.geometry.shape.radii).tolist() == [0.3]
+        with pytest.raises(clbvh.SceneError, match=r"box\.ply: the file has faces"):
+            open_points([tmp_path / "box.ply"], 0.3)

@@ -6,7 +6,6 @@ import threading
 
 import numpy as np
 import pytest
-import trimesh
 
 import clbvh
 from clbvh import MeshError, SceneError
@@ -57,7 +56,7 @@ def same(first, second):
 
 
 def test_what_is_no_shape_is_not_added(scene):
-    for source in (None, 5, [], trimesh.PointCloud([[0, 0, 0]]), clbvh.Mesh):
+    for source in (None, 5, [], clbvh.Mesh):
         with pytest.raises(MeshError, match=r"expected clbvh\.Spheres, a clbvh\.Mesh"):
             scene.add(source)
     with pytest.raises(SceneError, match="is in a scene already: place it again, or add its shape"):
