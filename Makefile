@@ -9,6 +9,10 @@ OUT := out
 export PYTHONDONTWRITEBYTECODE :=
 export PYTHONPYCACHEPREFIX := $(CURDIR)/out/cache/python
 
+# But not what pip compiles, nor what a user's command does: `.venv/bin/clbvh` looks for that beside the sources.
+AS_USER := env -u PYTHONPYCACHEPREFIX
+PIP := $(AS_USER) $(BIN)/pip
+
 # One stamp per set of packages; all of them depend on what is to be installed.
 INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
@@ -28,7 +32,7 @@ setup: $(INSTALLED_DEV) ## make .venv with clbvh and everything that tests and l
 
 demo: $(INSTALLED) ## render the demo scene to out/demo.ppm and out/demo.png
 	@mkdir -p $(OUT)
-	$(BIN)/clbvh render demo -o $(OUT)/demo.ppm -o $(OUT)/demo.png
+	$(AS_USER) $(BIN)/clbvh render demo -o $(OUT)/demo.ppm -o $(OUT)/demo.png
 
 gallery: $(INSTALLED) ## draw the pictures of the pages again, each by the command under it; ONLY="bunny meadow"
 	$(BIN)/python .ci/draw_gallery.py $(ONLY)
@@ -105,26 +109,28 @@ $(BIN)/python:
 	  echo "  apt-get install python3-venv"; exit 1; }
 
 $(INSTALLED): pyproject.toml | $(BIN)/python
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable .
+	@echo "installing clbvh and its libraries into $(VENV), and compiling its kernels: a few minutes the first time"
+	$(PIP) install --quiet --disable-pip-version-check --editable .
 	@touch $@
 
 $(INSTALLED_DEV): pyproject.toml | $(BIN)/python
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@echo "installing clbvh, its libraries and its tools into $(VENV), and compiling its kernels: a few minutes"
+	$(PIP) install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@ $(INSTALLED)
 
 # NVIDIA's assembler: a wheel of 40 MB. Another version may use other registers.
 $(INSTALLED_PTXAS): $(INSTALLED)
-	$(BIN)/pip install --quiet --disable-pip-version-check nvidia-cuda-nvcc-cu12==12.9.86
+	$(PIP) install --quiet --disable-pip-version-check nvidia-cuda-nvcc-cu12==12.9.86
 	@touch $@
 
 $(INSTALLED_DOCS): $(INSTALLED_DEV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev,docs]'
+	$(PIP) install --quiet --disable-pip-version-check --editable '.[dev,docs]'
 	@touch $@
 
 $(INSTALLED_PEERS): $(INSTALLED_DEV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev,peers]'
+	$(PIP) install --quiet --disable-pip-version-check --editable '.[dev,peers]'
 	@touch $@
 
 $(INSTALLED_STUDY): pyproject.toml | $(BIN)/python
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[study,peers]'
+	$(PIP) install --quiet --disable-pip-version-check --editable '.[study,peers]'
 	@touch $@ $(INSTALLED)

@@ -16,11 +16,21 @@ EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_NO_DEVICE = 3
 
-# Each is a function in a module of its name, which is imported when the verb is needed.
-VERBS = (
-    "render", "view", "images", "turntable", "sheet", "stats", "shard", "fetch", "devices", "doctor", "study",
-    "warmup",
-)  # fmt: skip
+# Each is a function in a module of its name, which is imported when the verb is needed, with its line of the help.
+VERBS = {
+    "render": "Render meshes or a scene.",
+    "view": "Look at meshes or a scene in the browser: orbit, pan, zoom, fly, cut, measure.",
+    "images": "Write what each pixel sees: depth, normals, positions, ids, texture coordinates, motion.",
+    "turntable": "Write an animation in which meshes or a scene turn once around.",
+    "sheet": "Write the standard views of meshes or a scene, at one scale, as one picture.",
+    "stats": "Build a tree and measure it.",
+    "shard": "Cut a mesh into shards, of which clbvh.ShardedTracer has one at a time in memory.",
+    "fetch": "Download known meshes into the cache unless they are on this machine; without a name, list them.",
+    "devices": "List the devices, the host first, with a mark on the default one.",
+    "doctor": "Check the host device, and OpenCL from the loader to kernels; print faults and remedies.",
+    "study": "Repeat the report's experiments on this machine, and write one page with all figures.",
+    "warmup": "Compile the kernels of OpenCL devices ahead, by doing each kind of work once; for container images, too.",
+}
 
 
 def make_app() -> App:
@@ -42,8 +52,8 @@ def make_app() -> App:
         print_error=False,
         suppress_keyboard_interrupt=False,
     )
-    for verb in VERBS:
-        app.command(f"{__package__}.{verb}:{verb}", name=verb)
+    for verb, line in VERBS.items():
+        app.command(f"{__package__}.{verb}:{verb}", name=verb, help=line)
     return app
 
 

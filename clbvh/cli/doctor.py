@@ -31,7 +31,7 @@ def doctor(
     device: Annotated[str | None, Parameter(metavar="DEVICE")] = None,
     mesh: Annotated[list[str] | None, Parameter(metavar="NAME")] = None,
 ) -> None:
-    """Check the host device, and OpenCL from the loader to kernels on each device; print faults and remedies.
+    """Check the host device, and OpenCL from the loader to kernels; print faults and remedies.
 
     Parameters
     ----------

@@ -47,8 +47,9 @@ def render(
         On Ctrl-C, write the picture of the samples so far.
     """
     from ..errors import ConfigError
-    from ..files.image_files import check_has_alpha, check_hits_path, check_picture_path
+    from ..files.image_files import check_has_alpha, check_picture_path
     from ..rendering.renderer import render as draw
+    from ..trace.hits.hit_files import check_hits_path
 
     # All input is checked before any work.
     for path in output:
@@ -66,7 +67,7 @@ def render(
             raise ConfigError(
                 "a heat map shows the steps through a tree, and the builder brute has none: take another one"
             )
-    stopped = threading.Event()
+    stopped, start_ms = threading.Event(), _ms_so_far()
     with Progress() as progress, calling_on_interrupt(stopped.set) if keep else nullcontext():
         picture = draw(
             options.find_source(sources, point_radius), None, wanted, time_limit_s=time_limit_s,
@@ -74,7 +75,8 @@ def render(
             is_stopped=stopped.is_set, on_phase=progress.enter, **options.read_changes(view),
         )  # fmt: skip
     report = picture.report()
-    report["timings_ms"]["write"] = _write(picture, output, hits, heatmap)
+    write_ms = _write(picture, output, hits, heatmap)
+    report["timings_ms"] = _complete_times(report["timings_ms"], start_ms, write_ms)
     # The cache has a row where it was used.
     times = (row for row in report["timings_ms"].items() if row[0] != "cache" or row[1])
     empty = () if report["hits"] else ("no ray hits anything: the picture shows the background only",)
@@ -92,9 +94,26 @@ def _is_transparent(sources: tuple[str, ...], view: options.Given) -> bool:
     return parse_scene_file(file).view.transparent
 
 
+def _ms_so_far() -> float:
+    """Return the milliseconds since this process began."""
+    import psutil  # no help needs it
+
+    return (time.time() - psutil.Process().create_time()) * 1e3
+
+
+def _complete_times(timings_ms: dict[str, float], start_ms: float, write_ms: float) -> dict[str, float]:
+    """Return the phases of the whole command, which add up to what the user has waited."""
+    phases = {"start": start_ms, **timings_ms, "write": write_ms}
+    del phases["other"], phases["total"]
+    # The clock of a process's begin has steps of 10 ms.
+    total = max(_ms_so_far(), sum(phases.values()))
+    return phases | {"other": total - sum(phases.values()), "total": total}
+
+
 def _write(picture: Picture, output: list[Path], hits: Path | None, heatmap: str | None) -> float:
     """Write all files and return the time in milliseconds."""
-    from ..files.image_files import write_hits, write_picture
+    from ..files.image_files import write_picture
+    from ..trace.hits.hit_files import write_hits
 
     begin = time.perf_counter()
     pixels = picture.pixels

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 # Of the rows in tables of times, whatever the verb.
 _PHASES = {
+    "start": "start Python, and load the program",
     "load": "load and place the objects",
     "cache": "look the tree up in the cache, or keep it there",
     "build": "build the tree",
@@ -24,8 +25,8 @@ _PHASES = {
     "kernel": "trace and shade, by the device's clock",
     "download": "device to host, by the device's clock",
     "other": "whatever lies between the phases",
-    "total": "wall time",
-    "write": "write the picture or heat map, not in the total",
+    "total": "wall time, from the start of the command",
+    "write": "write the picture or heat map",
 }
 
 

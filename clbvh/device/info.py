@@ -9,7 +9,7 @@ from typing import Any
 HOST_PLATFORM = "host"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DeviceInfo:
     """One device: the host, or one of OpenCL as its driver describes it.
 
@@ -59,7 +59,7 @@ class DeviceInfo:
     has_fp64: bool
     has_unified_memory: bool = False
     is_available: bool = True
-    cl_device: Any = field(default=None, repr=False, compare=False)
+    cl_device: Any = field(default=None, compare=False)
 
     @property
     def is_host(self) -> bool:
@@ -106,6 +106,11 @@ class DeviceInfo:
         # `dataclasses.asdict` would try to copy the handle, which belongs to the driver.
         facts = {name: value for name, value in vars(self).items() if name != "cl_device"}
         return facts | {"layout": self.layout}
+
+    def __repr__(self) -> str:
+        units = "cores" if self.kind == "cpu" else "compute units"
+        size = f"{self.compute_units} {units}, {self.memory_bytes / 1e9:.1f} GB"
+        return f"DeviceInfo({self.number}, {self.name!r}, {self.kind} of {self.platform}, {size})"
 
     def __getstate__(self) -> dict[str, Any]:
         # The handle belongs to this process; a session finds the device again.

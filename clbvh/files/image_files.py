@@ -1,4 +1,4 @@
-"""Files of pictures and of hits, written completely or not at all, and text in pictures.
+"""Files of pictures, written completely or not at all, and text in pictures.
 
 PNG and JPEG by imageio and Pillow, OpenEXR by the optional library of that name.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -16,13 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError
-from ..geometry import Mesh
 from ..support.files import as_path, check_target, write_atomically
-from ..trace.hits.hits import Hits
 from ..view.environment_files import import_openexr
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm")
-HITS_SUFFIX = ".npz"
 
 _CHANNELS_WITH_ALPHA = 4
 
@@ -50,13 +47,6 @@ def check_has_alpha(path: Path) -> None:
     """Raise `ConfigError` unless a file of this name can have a transparent background."""
     if path.suffix.lower() != ".png":
         raise ConfigError(f"{path}: a {path.suffix} file has no transparency; write a .png file")
-
-
-def check_hits_path(path: Path) -> None:
-    """Raise `ConfigError` unless hits can be written there."""
-    if path.suffix.lower() != HITS_SUFFIX:
-        raise ConfigError(f"{path}: the name of a hits file must end in {HITS_SUFFIX}")
-    check_target(path)
 
 
 def write_picture(path: str | os.PathLike[str], rgb: NDArray[np.uint8]) -> None:
@@ -128,39 +118,6 @@ def _load_font(scale: int) -> Any:
     from PIL import ImageFont
 
     return ImageFont.load_default(_FONT_SIZE * scale)
-
-
-def write_hits(path: Path, hits: Hits, geometry_names: Sequence[str], instance_names: Sequence[str]) -> None:
-    """Write hits as a numpy archive, in which nothing is pickled.
-
-    Parameters
-    ----------
-    path : Path
-    hits : Hits
-        Their t, u, v, prim_id, geometry_id and instance_id become arrays of these names, in the shape of the hits.
-        Where meshes have parts, `part_names` are those of all of them, one mesh after the other, and `part_id` counts
-        through them.
-    geometry_names, instance_names : sequence of str
-        By the ids; they become arrays of texts.
-
-    Raises
-    ------
-    ConfigError
-        The path has another suffix, or the file cannot be written.
-    """
-    check_hits_path(path)
-    arrays = {
-        **{name: getattr(hits, name) for name in ("t", "u", "v", "prim_id", "geometry_id", "instance_id")},
-        "geometry_names": np.array(geometry_names, np.str_),
-        "instance_names": np.array(instance_names, np.str_),
-    }
-    shapes = hits.surface.shapes if hits.surface else ()
-    parts = [shape.parts if isinstance(shape, Mesh) else () for shape in shapes]
-    if any(parts):
-        part_id, first_parts = hits.part_id, np.cumsum([0, *map(len, parts)], dtype=np.int32)
-        arrays["part_id"] = np.where(part_id < 0, np.int32(-1), part_id + first_parts[hits.geometry_id])
-        arrays["part_names"] = np.array([part.name for own in parts for part in own], np.str_)
-    write_atomically(path, lambda file: np.savez(file, **arrays))
 
 
 def write_exr(

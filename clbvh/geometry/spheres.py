@@ -169,8 +169,8 @@ class Spheres(LocalFrame):
         >>> import numpy as np
         >>> ground = np.stack(np.meshgrid(np.arange(30), np.arange(20), [0]), axis=-1).reshape(-1, 3)
         >>> cloud = clbvh.Spheres.from_points(ground)
-        >>> cloud, cloud.radii[0].round(2)
-        (Spheres('points', count=600), 1.06)
+        >>> cloud, cloud.radii[:1].round(2)
+        (Spheres('points', count=600), array([1.06]))
         """
         for of_points, of_colours in (("vertices", "colors"), ("points", "colors")):
             if hasattr(points, of_points):

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from numbers import Integral
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -120,6 +120,9 @@ class Instance:
 Instances: TypeAlias = Instance | int | str | Iterable[Instance | int | str]
 """An instance of a scene, or several: each by its handle, its id or its name."""
 
+# Handles that a tuple shows.
+_MOST_SHOWN = 6
+
 _MAX_SHOWN = 60  # characters of a wrong value in a message
 
 
@@ -152,6 +155,19 @@ def check_material(material: Any) -> Material | None:
     if material is not None and not isinstance(material, Material):
         raise SceneError(f"a material must be a clbvh.Material, not {shorten(material)}")
     return material
+
+
+_Handle = TypeVar("_Handle", Geometry, Instance)
+
+
+class Handles(tuple[_Handle, ...]):
+    """A tuple of handles, of which a notebook shows a few."""
+
+    def __repr__(self) -> str:
+        if len(self) <= _MOST_SHOWN:
+            return super().__repr__()
+        first = ", ".join(map(repr, self[: _MOST_SHOWN - 1]))
+        return f"({first}, ..., {self[-1]!r}: {len(self):,} in all)"
 
 
 def shorten(value: object) -> str:

@@ -25,6 +25,7 @@ from .handles import (
     ALL_BITS,
     Colour,
     Geometry,
+    Handles,
     Instance,
     Instances,
     check_colour,
@@ -330,7 +331,7 @@ class Scene:
                 own_mask, colour, material = looks or (ALL_BITS, None, None)
                 looks = own_mask if common_mask is None else common_mask, colour, material
                 instances += self._place(geometries[shape], matrix[None], (self._instances.find_free(name),), looks)
-            return tuple(instances)
+            return Handles(instances)
 
     def place(
         self,
@@ -459,7 +460,7 @@ class Scene:
                 placed.append(instance)
             self._transforms.append(matrices)
             self._drop_caches()
-            return tuple(placed)
+            return Handles(placed)
 
     @property
     def geometries(self) -> tuple[Geometry, ...]:
@@ -474,7 +475,7 @@ class Scene:
     def _list_handles(self) -> tuple[tuple[Geometry, ...], tuple[Instance, ...]]:
         with self._lock:
             if self._handles is None:
-                self._handles = tuple(self._geometries.values()), tuple(self._instances.values())
+                self._handles = Handles(self._geometries.values()), Handles(self._instances.values())
             return self._handles
 
     @property

@@ -7,6 +7,8 @@ of their own.
 
 from __future__ import annotations
 
+import inspect
+import os
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
@@ -22,6 +24,7 @@ from ..geometry.as_mesh import HasGraph
 from ..layouts.device_mesh import open_session, take_shape
 from ..scene.scene import Scene
 from ..scene.state import SceneState
+from ..support.context_manager import ContextManager
 from ..support.forks import make_lock
 from ..support.opened import digest_of, open_once
 from .clearance.walk import HostTrees
@@ -120,7 +123,7 @@ class Tracer(RayQueries, PointQueries, PairQueries, Moves):
     source : Scene, Bvh, Spheres, Mesh, str, path, (vertices, faces), or an object of trimesh, pyvista, Open3D, meshio
         A scene as it is now; a tree; spheres; or a mesh, see `clbvh.MeshLike`. A `trimesh.Scene` becomes a `Scene`, and
         a point cloud spheres, see `clbvh.Spheres.from_points`. Trees are built in this process, as `clbvh.build` does.
-        A path names a mesh file, or one of points. Vertices and faces may be a
+        A path names a mesh file, one of points, or a scene, see `clbvh.open_scene`. Vertices and faces may be a
         `pyopencl.array.Array`, float32 or float64, and int32: with the quality ``"fast"`` they stay on their device,
         where the tracer then is; see `clbvh.build`.
     device : DeviceInfo, str, int, pyopencl.Device or None
@@ -161,7 +164,13 @@ class Tracer(RayQueries, PointQueries, PairQueries, Moves):
         quality: str = "default",
     ) -> None:
         check_layout(layout)
-        source = Scene(source) if isinstance(source, HasGraph) else source
+        if isinstance(source, str | os.PathLike):
+            # Imported here: few tracers read a file.
+            from ..files.open_scene import open_scene
+
+            source = open_scene(source)[0]
+        elif isinstance(source, HasGraph):
+            source = Scene(source)
         shape = None if isinstance(source, Scene) else _find_shape(source, device)
         scene = source if isinstance(source, Scene) else Scene(shape)
         tree = source if isinstance(source, Bvh) else None
@@ -312,3 +321,10 @@ def _reopen(
         return Tracer._opened(*Opening.plan(scene, tree, device, layout, building))
 
     return open_once(key, open_anew)._twin(scene)
+
+
+# Errors of Python about arguments name a function by this.
+for _owner in Tracer.__mro__[1:-1]:
+    for _name, _method in vars(_owner).items():
+        if inspect.isfunction(_method) and _owner is not ContextManager:
+            _method.__qualname__ = f"Tracer.{_name}"

@@ -1,7 +1,11 @@
 """What the command refuses, in one line; and its help."""
 
+import importlib
+
 import pytest
 import trimesh
+
+from clbvh.cli import app
 
 from .command import refuses, run_clbvh
 
@@ -87,3 +91,9 @@ def test_no_words_are_wrong_usage_and_get_the_help():
     answer = run_clbvh()
     assert (answer.returncode, answer.stderr) == (2, "")
     assert answer.stdout == run_clbvh("--help").stdout == run_clbvh("-h").stdout
+
+
+def test_each_verb_has_the_first_line_of_its_help():
+    for verb, line in app.VERBS.items():
+        verb_function = getattr(importlib.import_module(f"clbvh.cli.{verb}"), verb)
+        assert verb_function.__doc__.splitlines()[0] == line
