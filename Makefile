@@ -97,7 +97,7 @@ docs: $(INSTALLED_DOCS) ## run every example, and build the documentation site i
 	@echo "out/site/index.html"
 
 # Clang and libclc come from the system: apt-get install clang-15 libclc-15.
-gpu-report: $(INSTALLED_PTXAS) ## compile every kernel for GPUs that are not here, and write docs/internals/gpu.md
+gpu-report: $(INSTALLED_PTXAS) ## compile every kernel for GPUs that are not here, and write their registers to out/gpu.md
 	$(BIN)/python .ci/gpu_report.py $(if $(ONLY),--only $(ONLY))
 
 clean: ## remove what make made, but not downloads

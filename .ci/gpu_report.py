@@ -1,6 +1,4 @@
-"""Compiles every kernel for GPUs that need not be here, and writes what the compilers say into docs/internals/.
-
-The page gpu.md has the layout of GPUs and the kernels without a tree, gpu-layouts.csv the other layouts.
+"""Compiles every kernel for GPUs that need not be here, and writes what the compilers say to out/gpu.md.
 
 Clang 15 compiles for AMD's GPUs, and into PTX, from which NVIDIA's `ptxas` makes the code of its GPUs; libclc has
 OpenCL's built-in functions. Sources, macros and options are those of the program. The figures are static: registers and
@@ -13,8 +11,6 @@ nothing.
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import os
 import re
 import shutil
@@ -37,10 +33,7 @@ from clbvh.trace.world.trees import pad_stack
 from clbvh.trace.world.world import make_defines
 from clbvh.tree_layouts import LAYOUTS, TREE_LAYOUTS
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "internals" / "gpu.md"
-TABLE = PAGE.with_name("gpu-layouts.csv")
-# The tables stand between these lines of the page.
-BEGIN, END = "<!-- figures: begin -->", "<!-- figures: end -->"
+REPORT = Path(__file__).resolve().parents[1] / "out" / "gpu.md"
 
 CLANG = "clang-15"
 LIBCLC = Path("/usr/lib/clc")
@@ -56,9 +49,6 @@ _OF_NO_TREE = ("add_samples", "develop", "pack_rays", "refine_hits", "settle_til
 # Files of several kernels, by which trees are built and refitted; the wide layouts differ by their width alone.
 _OF_BUILDS = ("build_tree", "radix_sort", "write_blocks", "refit_nodes", "take_mesh")
 _LAYOUTS_OF_BUILDS = ("bvh2", "bvh8")
-
-# The layout that GPUs get.
-_LAYOUT_OF_GPUS = "bvh2"
 
 # Empty in scenes.
 _OF_LONE_SHAPES = ("closest_in_shard",)
@@ -312,36 +302,27 @@ def make_rows(program: Program, ptxas: Path) -> list[list[str]]:
     return rows
 
 
+_LEGEND = (
+    "A cell: vector registers of a work-item; bytes of private memory; spilled registers (bytes for NVIDIA);\n"
+    "local memory of a work-group; waves or warps that fit at once, of those that the processor holds.\n"
+    "loads: instructions that load from global memory in the code for NVIDIA, and the words of 4 bytes that they load."
+)
 _HEAD = ["kernel", *(gpu.name for gpu in (*AMD, *NVIDIA)), "loads"]
-
-
-def is_on_page(program: Program) -> bool:
-    """Return whether the page has the figures of a program; those of the wide layouts are in the file beside it."""
-    return program.title in ("Builds", "No tree") or program.layout == _LAYOUT_OF_GPUS
 
 
 def write_tables(programs: Sequence[Program], rows: Sequence[Sequence[Sequence[str]]], ptxas: Path) -> str:
     """Return the tables, one for each layout and kind of tree, under the versions of the compilers."""
     release = re.search(r"release ([\d.]+, V[\d.]+)", _run([str(ptxas), "--version"]).stdout)
     version = _run([CLANG, "--version"]).stdout.splitlines()[0]
-    lines = [f"Compilers: {version}; libclc 15; ptxas {release[1] if release else ''}."]
+    lines = ["# Kernels on GPUs", "", _LEGEND]
+    lines += ["", f"Compilers: {version}; libclc 15; ptxas {release[1] if release else ''}."]
     tables: dict[str, list[Sequence[str]]] = {}
     for program, found in zip(programs, rows, strict=True):
         tables.setdefault(program.title, []).extend(found)
     for title, table in sorted(tables.items()):
-        lines += ["", f"### {title}", "", f"| {' | '.join(_HEAD)} |", "|---" * len(_HEAD) + "|"]
+        lines += ["", f"## {title}", "", f"| {' | '.join(_HEAD)} |", "|---" * len(_HEAD) + "|"]
         lines += [f"| {' | '.join(cells)} |" for cells in table]
     return "\n".join(lines)
-
-
-def write_file(programs: Sequence[Program], rows: Sequence[Sequence[Sequence[str]]]) -> str:
-    """Return the figures of the wide layouts as CSV, with the title of a table in front of each row."""
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["tree", *_HEAD])
-    for program, found in zip(programs, rows, strict=True):
-        writer.writerows([program.title.replace("`", ""), *cells] for cells in found)
-    return text.getvalue().replace("**", "")
 
 
 def main() -> int:  # noqa: D103
@@ -361,14 +342,9 @@ def main() -> int:  # noqa: D103
     if arguments.only:
         print(write_tables(programs, rows, ptxas))
         return 0
-    here = [number for number, program in enumerate(programs) if is_on_page(program)]
-    tables = write_tables([programs[number] for number in here], [rows[number] for number in here], ptxas)
-    others = [number for number in range(len(programs)) if number not in here]
-    TABLE.write_text(write_file([programs[number] for number in others], [rows[number] for number in others]), "utf-8")
-    page = PAGE.read_text(encoding="utf-8")
-    before, after = page.split(BEGIN)[0], page.split(END)[1]
-    PAGE.write_text(f"{before}{BEGIN}\n{tables}\n{END}{after}", encoding="utf-8")
-    print(f"{len(programs)} kernels: {PAGE}")
+    REPORT.parent.mkdir(exist_ok=True)
+    REPORT.write_text(write_tables(programs, rows, ptxas) + "\n", encoding="utf-8")
+    print(f"{len(programs)} kernels: {REPORT}")
     return 0
 
 
