@@ -76,17 +76,23 @@ class Experiment:
         return Section(self.name, *self.texts, parts, notes)
 
 
-def _note_noise(results: Results) -> list[str]:
-    """Say how many figures are noisy, and whether the machine was busy with something else."""
+def count_noisy(results: Results) -> tuple[int, int]:
+    """Return the number of noisy times, and of all."""
     summaries = [
         results.summary(case, quantity)
         for case in results.cases
         for quantity in results.quantities(case, "")
         if quantity.endswith("_ms")
     ]
-    noisy, apart = sum(summary.is_noisy for summary in summaries), f"{100 * NOISY_SPREAD:.0f} %"
+    return sum(summary.is_noisy for summary in summaries), len(summaries)
+
+
+def _note_noise(results: Results) -> list[str]:
+    """Say how many figures are noisy, and whether the machine was busy with something else."""
+    noisy, count = count_noisy(results)
+    apart = f"{100 * NOISY_SPREAD:.0f} %"
     load, cores = results.highest_load, results.cores
-    notes = [f"Noise: {noisy} of {len(summaries)} measured times have samples more than {apart} apart."] * bool(noisy)
+    notes = [f"Noise: {noisy} of {count} measured times have samples more than {apart} apart."] * bool(noisy)
     if load > _BUSY_SHARE * cores + 1:
         notes.append(f"The machine was busy: the load average reached {load:g} on {cores} cores.")
     return notes

@@ -71,11 +71,14 @@ class Table:
     columns : sequence of str
         The headings, with units.
     rows : sequence of sequence of Cell
+    is_detail : bool
+        Only on the page of a study, not in the document that quotes it.
     """
 
     caption: str
     columns: Sequence[str]
     rows: Sequence[Sequence[Any]]
+    is_detail: bool = False
 
 
 @dataclass(frozen=True)
@@ -160,6 +163,11 @@ class Section:
     parts: Sequence[Part]
     notes: Sequence[str] = ()
 
+    @property
+    def tables(self) -> list[Table]:
+        """Those that a document quotes."""
+        return [part for part in self.parts if isinstance(part, Table) and not part.is_detail]
+
 
 def draw_figure(points: Sequence[Point], y: Axis, x: Axis | None = None) -> bytes:
     """Return a figure as an SVG file: curves over `x`, or without it horizontal bars, the first point's at the top."""
@@ -239,7 +247,8 @@ def _load_templates() -> Environment:
         loader=FileSystemLoader(Path(__file__).parent), autoescape=select_autoescape(["html.jinja"]),
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined,
     )  # fmt: skip
-    environment.filters |= {"cell": format_cell, "number": format_number, "table": write_table, "wrap": wrap}
+    environment.filters |= {"cell": format_cell, "first_sentence": first_sentence, "number": format_number}
+    environment.filters |= {"table": write_table, "wrap": wrap}
     environment.globals["apart"] = f"{100 * NOISY_SPREAD:.0f} %"
     return environment
 
@@ -247,6 +256,11 @@ def _load_templates() -> Environment:
 def wrap(text: str) -> str:
     """Return text in lines."""
     return textwrap.fill(text, _LINE_LENGTH, break_long_words=False, break_on_hyphens=False)
+
+
+def first_sentence(text: str) -> str:
+    """Return the first sentence of a caption."""
+    return text.partition(". ")[0].removesuffix(".") + "."
 
 
 def write_table(table: Table) -> str:

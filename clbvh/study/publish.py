@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ..errors import ConfigError
 from ..support.files import write_atomically
+from .experiment import count_noisy
 from .experiments import EXPERIMENTS
 from .experiments.peers import list_leads
 from .machine import FILE_NAME as MACHINES_NAME, read_machines
@@ -47,7 +48,10 @@ def write_results(study: dict[str, Results]) -> str:
     """Return the page of all tables."""
     machine, size = study["peers"].machine, study["peers"].scale.name
     sections = [EXPERIMENTS[name].make_section(results) for name, results in study.items() if results.cases]
-    return render(RESULTS, machine=machine, sections=sections, folder=SAMPLES_FOLDER, size=size)
+    noisy, count = map(sum, zip(*(count_noisy(results) for results in study.values()), strict=True))
+    return render(
+        RESULTS, machine=machine, sections=sections, folder=SAMPLES_FOLDER, size=size, noisy=noisy, count=count,
+    )  # fmt: skip
 
 
 def write_readme_table(study: dict[str, Results]) -> str:

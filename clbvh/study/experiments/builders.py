@@ -82,7 +82,9 @@ class Ladder(Experiment):
                 same = results.agree(cases.values(), case, "picture")
                 said = says.get(name, "the default of clbvh")
                 rows.append((name, build_ms, speedup, gains.get(name), kernel_ms, same, said))
-            yield Table(self.say(results, "table", mesh, _PICTURE, _DEFAULT), columns, rows)
+            # The document has the largest mesh.
+            is_detail = mesh != results.distinct("mesh")[-1]
+            yield Table(self.say(results, "table", mesh, _PICTURE, _DEFAULT), columns, rows, is_detail)
             caption = f"Build times of the variants on {mesh}, on a logarithmic scale."
             points = [("clbvh", name, build_ms) for name, build_ms, *_ in rows]
             yield Figure(caption, points, Axis("build, ms", is_log=True))
@@ -162,7 +164,7 @@ class Scaling(Experiment):
             quantities = [PHASE + name for name in names]
             of_phases = [(workers, *results.summaries(case, *quantities)) for workers, case in cases.items()]
             caption = f"Phases of {builder}. The phase convert is not counted, see the ladder."
-            phases.append(Table(caption, columns, of_phases))
+            phases.append(Table(caption, columns, of_phases, is_detail=True))
         fits.append((REPORT, fit_amdahl(report_ms), report[_PREDICTED]))
         source = published("scaling.source")
         caption = f"Build by number of workers on {results.meshes}. The report: {source}, on 8 cores."

@@ -94,7 +94,7 @@ class Layouts(Experiment):
                 layouts.append((mesh, name, kernel_ms, *counts, results.agree(cases.values(), case, "picture")))
                 points.append(("clbvh", f"{mesh}, {name}", kernel_ms))
         columns: tuple[str, ...] = ("mesh", "variant", "build, ms", "last pass, ms", "speed-up over flatten", "report")
-        yield Table(self.say(results, "flattening", published("ladder.source")), columns, builders)
+        yield Table(self.say(results, "flattening", published("ladder.source")), columns, builders, is_detail=True)
         columns = ("mesh", "layout", "kernel, ms", *_COUNTS, "same picture")
         yield Table(self.say(results, "table", _PICTURE), columns, layouts)
         yield Figure("Kernel times of the layouts.", points, Axis("kernel, ms"))

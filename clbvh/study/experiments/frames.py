@@ -97,7 +97,8 @@ class Scenes(Experiment):
         for case in results.find(part=_GROWTH):
             build_and_trace = results.summaries(case, "build_ms", "kernel_ms")
             growth.append((case["mesh"].partition("-")[0], results.count(case, "triangles") or 1, *build_and_trace))
-        yield Table(self.say(results, "growth", _PICTURE), ("mesh", "triangles", "build, ms", "kernel, ms"), growth)
+        titles = ("mesh", "triangles", "build, ms", "kernel, ms")
+        yield Table(self.say(results, "growth", _PICTURE), titles, growth, is_detail=True)
         points, exponents = [], []
         for shape in dict.fromkeys(shape for shape, *_ in growth):
             sizes, *of_work = zip(*(row[1:] for row in growth if row[0] == shape), strict=True)
@@ -282,7 +283,7 @@ class Gallery(Experiment):
             (case["mesh"], case["shading"], results.count(case, "triangles"), results.summary(case, "kernel_ms"))
             for case in results.cases
         ]
-        yield Table(text, ("mesh", "shading", "triangles", "kernel, ms"), rows)
+        yield Table(text, ("mesh", "shading", "triangles", "kernel, ms"), rows, is_detail=True)
         for case in results.cases:
             for png in results.picture(case, "file"):
                 yield Picture(f"{case['mesh']}, {case['shading']}.", png)
