@@ -35,7 +35,7 @@ class HasPoints(Protocol):
 
 MeshLike: TypeAlias = Mesh | HasTriangles | HasGraph | HasPoints | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]
 """Anything that describes a mesh: a `Mesh`, the path of a mesh file, ``(vertices, faces)``, or an object of trimesh,
-pyvista, Open3D or meshio; see `docs/objects.md`."""
+pyvista, Open3D or meshio; see `docs/meshes.md`."""
 
 
 def as_mesh(thing: MeshLike, *, or_else: str = "") -> Mesh:

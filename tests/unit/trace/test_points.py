@@ -74,7 +74,7 @@ def test_only_what_is_seen_counts(open_tracer, world):
 
 @pytest.mark.parametrize("far", [1e3, 1e7, 1e39, 1e300])
 def test_what_is_nearest_to_a_far_point_reaches_furthest_towards_it(open_tracer, source, far):
-    """As far as docs/tracing.md promises: to 2^-9 of half the size."""
+    """As far as docs/points.md promises: to 2^-9 of half the size."""
     state = state_of(source)
     directions = np.random.default_rng(95).normal(size=(100, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
