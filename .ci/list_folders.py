@@ -1,7 +1,7 @@
-"""Writes the lists of clbvh's folders into CONTRIBUTING.md and docs/architecture.md.
+"""Writes the list of clbvh's folders into CONTRIBUTING.md.
 
 The order is that of the import contract in pyproject.toml, from the lowest layer up; the texts are the first sentences
-of the packages' docstrings. ``python .ci/list_folders.py`` writes both lists, and a test compares them.
+of the packages' docstrings. ``python .ci/list_folders.py`` writes the list, and a test compares it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import tomllib
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-# The lists stand between these lines of the pages.
+PAGE = REPOSITORY / "CONTRIBUTING.md"
+# The list stands between these lines of the page.
 BEGIN, END = "<!-- folders: begin -->", "<!-- folders: end -->"
 
 _CONTRACT = "Data flows one way through the house"
@@ -36,24 +37,14 @@ def _describe(module: str) -> tuple[str, str]:
     return module.replace(".", "/") + ("/" if is_folder else ".py"), sentence
 
 
-def write_pages() -> dict[Path, str]:
-    """Return the text of each page with its list."""
+def write_page() -> str:
+    """Return the text of the page with its list."""
     folders = list_folders()
     width = max(map(len, folders)) + 2
     lines = [f"{path:<{width}}{sentence}" for path, sentence in folders.items()]
-    rows = [f"| `{path}` | {sentence} |" for path, sentence in folders.items()]
-    lists = {
-        "CONTRIBUTING.md": ["```text", *lines, "```"],
-        "docs/architecture.md": ["| folder | contents |", "|---|---|", *rows],
-    }
-    pages = {}
-    for name, block in lists.items():
-        page = REPOSITORY / name
-        text = page.read_text("utf-8")
-        pages[page] = "\n".join([text.split(BEGIN)[0] + BEGIN, *block, END + text.split(END)[1]])
-    return pages
+    text = PAGE.read_text("utf-8")
+    return "\n".join([text.split(BEGIN)[0] + BEGIN, "```text", *lines, "```", END + text.split(END)[1]])
 
 
 if __name__ == "__main__":
-    for page, text in write_pages().items():
-        page.write_text(text, "utf-8")
+    PAGE.write_text(write_page(), "utf-8")

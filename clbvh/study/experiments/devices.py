@@ -143,7 +143,8 @@ class Divergence(Experiment):
         rows.append(("the report, by hardware counter", "flat", *report))
         points.append((REPORT, f"{report_lanes} lanes", report_use))
         caption = f"Steps per ray of a picture of {results.scale.size_of(*_PICTURE)}, binary tree."
-        yield Table(caption, ("mesh", "builder", "node steps, mean", "most", "triangle tests, mean", "most"), steps)
+        titles = ("mesh", "builder", "node steps, mean", "most", "triangle tests, mean", "most")
+        yield Table(caption, titles, steps, is_detail=True)
         columns = ("mesh", "builder", *(f"{shape} {lanes}" for shape, lanes in _GROUPS))
         yield Table(self.say(results, "lanes"), columns, rows)
         yield Figure("Lane use of tiles.", points, Axis("lane use, %"))
