@@ -89,7 +89,7 @@ class Peers(Experiment):
         for name, engine in ENGINES.items():
             versions = [f"{one} {results.machine.get(one, 'not installed')}" for one in engine.packages or (_OURS,)]
             engines.append((name, ", ".join(versions), engine.threads))
-        yield Table("The engines.", ("engine", "version", "threads of a query"), engines)
+        yield Table("The engines.", ("engine", "version", "threads of a query"), engines, is_detail=True)
         count = results.scale.pick(*_POINTS) // results.scale.shrink
         yield self.say(results, "method", results.scale.pick(*_PICTURE), count, Trimesh.most_items)
         points = [
