@@ -29,7 +29,7 @@ VERBS = {
     "devices": "List the devices, the host first, with a mark on the default one.",
     "doctor": "Check the host device, and OpenCL from the loader to kernels; print faults and remedies.",
     "study": "Repeat the report's experiments on this machine, and write one page with all figures.",
-    "warmup": "Compile the kernels of OpenCL devices ahead, by doing each kind of work once; for container images, too.",
+    "warmup": "Compile the kernels of OpenCL devices ahead, by doing each kind of work once; for images, too.",
 }
 
 

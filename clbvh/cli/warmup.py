@@ -16,7 +16,7 @@ def warmup(
     device: Annotated[options.Device, Parameter(help=f"{options.DEVICE_HELP} Or all.")] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Compile the kernels of OpenCL devices ahead, by doing each kind of work once; for container images, too."""
+    """Compile the kernels of OpenCL devices ahead, by doing each kind of work once; for images, too."""
     from rich.console import Console
 
     from ..device.select import choose_device, list_devices
