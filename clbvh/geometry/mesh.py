@@ -291,7 +291,7 @@ class Mesh(LocalFrame):
     @cached_property
     def corner_faces(self) -> CornerFaces:
         """The faces around each vertex. About 0.2 s for 871,306 triangles, once; `with_vertices` hands them on."""
-        return find_corner_faces(self.vertices, self.faces)
+        return find_corner_faces(find_points(self.vertices), self.faces)
 
     @cached_property
     def margins(self) -> NDArray[np.float32]:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from numbers import Real
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,39 +22,7 @@ from ..support.host_threads import HostThreads
 from .appearance.appearance import Appearance, find_flat_normals, make_unchecked, normalize
 from .joined_shapes import JoinedMeshes
 from .mesh import Mesh
-from .topology import NORMALS, EqualPoints, find_points
-
-
-class VertexFaces(NamedTuple):
-    """Faces around vertices, for compiled loops.
-
-    Attributes
-    ----------
-    point_ids : (V,) int64
-        The point of each vertex. Vertices with equal coordinates share one, as in files that repeat them for each face.
-    begin : (P + 1,) int64
-        The faces around point p are ``faces[begin[p] : begin[p + 1]]``.
-    faces : (3 F,) int64
-        Ascending for each point; a face with two corners at one point is there twice.
-    """
-
-    point_ids: NDArray[np.int64]
-    begin: NDArray[np.int64]
-    faces: NDArray[np.int64]
-
-
-def find_vertex_faces(mesh: Mesh) -> VertexFaces:
-    """Return the faces around each vertex of a mesh, in O(V log V + F log F)."""
-    return _find_around(find_points(mesh.vertices), mesh.faces)
-
-
-def _find_around(points: EqualPoints, faces: NDArray[np.int32]) -> VertexFaces:
-    corners = points.ids[faces].reshape(-1)
-    # Whole numbers are sorted five times as fast as their order is found.
-    sorted_corners = np.sort(corners * len(corners) + np.arange(len(corners)))
-    begin = np.concatenate(([0], np.cumsum(np.bincount(corners, minlength=len(points.first)))))
-    return VertexFaces(points.ids, begin, sorted_corners % max(1, len(corners)) // 3)
-
+from .topology import NORMALS, EqualPoints, find_corner_faces, find_points
 
 DEFAULT_CREASE_ANGLE = 40.0  # degrees
 
@@ -128,18 +95,17 @@ def _smooth_faces(
 ) -> NDArray[np.float32]:
     count = len(faces)
     normals, angles = np.empty((count, 3), np.float64), np.empty((count, 3), np.float64)
-    point_ids, begin, around = _find_around(points, faces)
     smooth = np.empty((count, 3, 3), np.float32)
     # At 180 degrees even opposite faces count.
     least_cosine = math.cos(math.radians(angle_degrees)) if angle_degrees < 180 else -2.0
     half_cosine = math.cos(math.radians(angle_degrees) / 2) + _ROUNDING
-    tables = faces, normals, angles, point_ids, begin, around
+    tables = faces, normals, angles, *find_corner_faces(points, faces).widened()
     with HostThreads() as threads:
         threads.for_ranges(
             count, lambda first, end: NORMALS.measure_faces(vertices, faces, scale, first, end, normals, angles)
         )
         threads.for_ranges(
-            len(begin) - 1,
+            len(points.first),
             lambda first, end: NORMALS.smooth_corners(*tables, least_cosine, half_cosine, first, end, smooth),
         )
     return smooth

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..device.host.loops import Loops
+from ..errors import MeshError
 
 # Odd numbers without a pattern.
 FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0x27D4EB2F165667C5], np.uint64)
@@ -17,6 +18,8 @@ FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 
 INDEX_BITS = 32
 
 NORMALS = Loops("geometry/normals")
+
+_MOST_CORNERS = np.iinfo(np.int32).max
 
 
 class EqualPoints(NamedTuple):
@@ -91,27 +94,32 @@ class CornerFaces(NamedTuple):
     begins : (P + 1,) int32
         Where the corners of each point begin, and where those of the last one end.
     faces : (3 F,) int32
-        The face of each corner, by points.
+        The face of each corner, by points, ascending for each; one with two corners at a point is there twice.
     """
 
     points: NDArray[np.int32]
     begins: NDArray[np.int32]
     faces: NDArray[np.int32]
 
+    def widened(self) -> tuple[NDArray[np.int64], ...]:
+        """Return the same for loops that take int64."""
+        return tuple(each.astype(np.int64) for each in self)
 
-def find_corner_faces(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> CornerFaces:
-    """Find the faces around each vertex, in O(V log V + F).
 
-    Parameters
-    ----------
-    vertices : (V, 3) float64
-    faces : (F, 3) int32
+def find_corner_faces(points: EqualPoints, faces: NDArray[np.int32]) -> CornerFaces:
+    """Find the faces around each point of a mesh, in O(V + F).
+
+    Raises
+    ------
+    MeshError
+        There are more corners than int32 counts.
     """
-    first, ids = find_points(vertices)
-    points, corner_faces = ids.astype(np.int32), np.empty(faces.size, np.int32)
-    ends = np.zeros(len(first) + 1, np.int32)
-    NORMALS.sort_corners(points, faces, ends, corner_faces)
-    return CornerFaces(points, ends, corner_faces)
+    if faces.size > _MOST_CORNERS:
+        raise MeshError(f"{len(faces):,} faces have more corners than are counted here: the limit is {_MOST_CORNERS:,}")
+    ids, corner_faces = points.ids.astype(np.int32), np.empty(faces.size, np.int32)
+    ends = np.zeros(len(points.first) + 1, np.int32)
+    NORMALS.sort_corners(ids, faces, ends, corner_faces)
+    return CornerFaces(ids, ends, corner_faces)
 
 
 # The sum of unit vectors is no direction if it is shorter than this share of their weights: they cancel each other.

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from ...bvh import Bvh
 from ...device.host.loops import Loops
 from ...geometry import Mesh
-from ...geometry.smooth_normals import VertexFaces
 from ...support.host_threads import HostThreads
 from ...trace.points.refine import ClosestPoints
 
@@ -24,7 +23,11 @@ _LOOPS = Loops("trimesh/nearest")
 
 
 def choose_facing(
-    points: NDArray[np.float64], mesh: Mesh, around: VertexFaces, tolerance: float, closest: ClosestPoints
+    points: NDArray[np.float64],
+    mesh: Mesh,
+    around: tuple[NDArray[np.int64], ...],
+    tolerance: float,
+    closest: ClosestPoints,
 ) -> None:
     """Replace each face by the one that faces the point most directly, among equally near ones around it.
 
@@ -32,8 +35,7 @@ def choose_facing(
     ----------
     points : (n, 3) float64, contiguous, the file's coordinates
     mesh : Mesh
-    around : VertexFaces
-        Of the mesh.
+    around : the mesh's `CornerFaces`, widened
     tolerance : float, the file's unit squared
         Squared distances that differ by less are equal; points as near as this to the surface keep their faces.
     closest : ClosestPoints of the points, contiguous, written

@@ -163,7 +163,7 @@ class ProximityQuery:
 
         def find(tracer: Tracer, known: Followed) -> ClosestPoints:
             closest = tracer.closest_point(points)
-            choose_facing(points, known.mesh, known.vertex_faces, tol.merge, closest)
+            choose_facing(points, known.mesh, known.corner_faces, tol.merge, closest)
             return closest
 
         return self._find_tracer().ask(self._mesh, find)

@@ -31,7 +31,7 @@ from ...geometry import Mesh
 from ...geometry.as_mesh import as_mesh
 from ...geometry.loading.file_parts import POINT, find_hidden
 from ...geometry.loading.trimesh import list_nodes
-from ...geometry.smooth_normals import VertexFaces, find_vertex_faces
+from ...geometry.topology import find_corner_faces, find_points
 from ...scene.handles import Geometry
 from ...scene.scene import Scene
 from ...scene.transforms import check_transforms
@@ -162,9 +162,9 @@ class Followed:
         return self.source.refit(self.mesh.vertices) if self.has_moved else self.source
 
     @cached_property
-    def vertex_faces(self) -> VertexFaces:
-        """The faces around each vertex of the mesh."""
-        return find_vertex_faces(self.mesh)
+    def corner_faces(self) -> tuple[NDArray[np.int64], ...]:
+        """The mesh's `CornerFaces`, widened. Those that the mesh has may be of its vertices before it moved."""
+        return find_corner_faces(find_points(self.mesh.vertices), self.mesh.faces).widened()
 
     def follow(self, thing: Any, tracer: Tracer | None) -> Followed | None:
         """Move the tracer to the mesh or the scene as it is now; return None where only a new one can follow.

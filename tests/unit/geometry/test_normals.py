@@ -8,7 +8,7 @@ import clbvh
 from clbvh import Mesh
 from clbvh.geometry.appearance.appearance import find_flat_normals
 from clbvh.geometry.joined_shapes import JoinedMeshes
-from clbvh.geometry.smooth_normals import find_tangents, find_vertex_faces, smooth_small
+from clbvh.geometry.smooth_normals import find_tangents, smooth_small
 
 BOX = trimesh.creation.box()
 CUBE = Mesh.from_arrays(BOX.vertices, BOX.faces)
@@ -47,9 +47,9 @@ def test_normals_are_those_of_the_formula(is_soup):
         normals = clbvh.smooth_normals_by_angle(mesh, angle)
         np.testing.assert_allclose(normals, slow_normals(vertices, faces, angle), atol=1e-6)
     np.testing.assert_allclose(mesh.vertex_normals[faces], slow_normals(vertices, faces, 180), atol=1e-10)
-    around = find_vertex_faces(mesh)
-    points = around.point_ids[faces]
-    for point, (begin, end) in enumerate(zip(around.begin[:-1], around.begin[1:], strict=True)):
+    around = mesh.corner_faces
+    points = around.points[faces]
+    for point, (begin, end) in enumerate(zip(around.begins[:-1], around.begins[1:], strict=True)):
         assert around.faces[begin:end].tolist() == np.flatnonzero((points == point).any(axis=1)).tolist()
 
 

@@ -5,7 +5,6 @@ import pytest
 import trimesh
 
 from clbvh import ClosestPoints, ConfigError, Mesh, QueryError, Scene, Spheres, Tracer, build, make_shape
-from clbvh.geometry.smooth_normals import find_vertex_faces
 from clbvh.integrations.trimesh.nearest import choose_facing, find_nearest_vertices
 from clbvh.trace.points import queries, search
 from clbvh.tree_layouts import TREE_LAYOUTS
@@ -138,7 +137,7 @@ def test_no_face_faces_more_directly(session, shape):
     with Tracer(mesh, device=session.info) as tracer:
         found = tracer.closest_point(points)
     chosen, cosines = ClosestPoints(*(array.copy() for array in found)), cosines_of(mesh, points)
-    choose_facing(points, mesh, find_vertex_faces(mesh), TOLERANCE, chosen)
+    choose_facing(points, mesh, mesh.corner_faces.widened(), TOLERANCE, chosen)
     np.testing.assert_allclose(cosines[np.arange(500), chosen.prim_id], cosines.max(axis=1), atol=1e-6)
     np.testing.assert_allclose(chosen.distance, found.distance, rtol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(points - chosen.point, axis=1), chosen.distance, rtol=1e-9)
