@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from ..errors import TreeFileError, ValidationError
 from ..geometry import Shape
-from ..support.files import as_path, open_regular, read_errors_as, write_atomically
+from ..support.files import open_regular, read_errors_as, write_atomically
 from .links import check_links
 from .refit import fit_nodes
 
@@ -65,7 +65,7 @@ def write_tree(
     payload = np.concatenate([nodes["first"], nodes["count"], prim_ids]).astype(_WORD, copy=False).data
     facts = MAGIC, FORMAT_VERSION, len(nodes), len(prim_ids), shape.fingerprint, _digest(payload)
     header = _HEADER.pack(*facts, b"")[:-_DIGEST_BYTES]
-    write_atomically(as_path(path), lambda file: file.writelines((header, _digest(header), payload)))
+    write_atomically(path, lambda file: file.writelines((header, _digest(header), payload)))
 
 
 def read_tree(path: str | os.PathLike[str], shape: Shape) -> tuple[NDArray[np.void], NDArray[np.int32]]:

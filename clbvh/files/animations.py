@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..choices import DEFAULT_FRAME_RATE
 from ..errors import ConfigError
-from ..support.files import as_path, check_target, temporary_folder, write_atomically
+from ..support.files import check_target, temporary_folder, write_atomically
 
 ANIMATION_SUFFIXES = (".gif", ".mp4")
 
@@ -43,12 +43,8 @@ _Frame = NDArray[np.uint8]
 
 def check_animation(path: str | os.PathLike[str], frames_per_s: float) -> Path:
     """Return the path; raise `ConfigError` unless an animation can be written; for checks before the work begins."""
-    path = as_path(path)
-    suffix = path.suffix.lower()
-    if suffix not in ANIMATION_SUFFIXES:
-        raise ConfigError(f"{path}: the name of an animation must end in {' or '.join(ANIMATION_SUFFIXES)}")
-    check_target(path)
-    if suffix == ".mp4":
+    path = check_target(path, "an animation", ANIMATION_SUFFIXES)
+    if path.suffix.lower() == ".mp4":
         _import_ffmpeg()
     if isinstance(frames_per_s, bool) or not isinstance(frames_per_s, Real) or not 0 < frames_per_s <= _MOST_FRAME_RATE:
         raise ConfigError(f"frames_per_s must be above 0 and at most {_MOST_FRAME_RATE:g}, not {frames_per_s!r}")

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError
-from ..support.files import as_path, check_target, write_atomically
+from ..support.files import check_target, write_atomically
 from ..view.environment_files import import_openexr
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm")
@@ -36,11 +36,9 @@ INK = (235, 238, 242)
 GROUND = (20, 24, 29)
 
 
-def check_picture_path(path: Path) -> None:
-    """Raise `ConfigError` unless a picture can be written there; for checks before the work begins."""
-    if path.suffix.lower() not in PICTURE_SUFFIXES:
-        raise ConfigError(f"{path}: a picture's name must end in {', '.join(PICTURE_SUFFIXES)}")
-    check_target(path)
+def check_picture_path(path: str | os.PathLike[str]) -> Path:
+    """Return the path; raise `ConfigError` unless a picture can be written there."""
+    return check_target(path, "a picture", PICTURE_SUFFIXES)
 
 
 def check_has_alpha(path: Path) -> None:
@@ -62,8 +60,7 @@ def write_picture(path: str | os.PathLike[str], rgb: NDArray[np.uint8]) -> None:
     ConfigError
         The path has another suffix, or the file cannot be written.
     """
-    path = as_path(path)
-    check_picture_path(path)
+    path = check_picture_path(path)
     if rgb.shape[2] == _CHANNELS_WITH_ALPHA:
         check_has_alpha(path)
     encoded = encode_picture(rgb, path.suffix.lower())

@@ -14,8 +14,8 @@ from typing import Any, BinaryIO, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import AppearanceWarning, ConfigError
-from ..support.files import as_path, write_atomically
+from ..errors import AppearanceWarning
+from ..support.files import check_target, write_atomically
 from .appearance.appearance import Appearance
 from .appearance.material import OPAQUE, Material
 from .write_points import write_ply
@@ -33,10 +33,8 @@ _PLAIN = (Material(), Material(base_colour=(1.0, 1.0, 1.0)))
 
 def write_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
     """Write a mesh file, whose format is that of its suffix; see `Mesh.save`."""
-    target = as_path(path)
-    write = _WRITERS.get(target.suffix.lower())
-    if write is None:
-        raise ConfigError(f"{target}: the name of a mesh file must end in {', '.join(_WRITERS)}")
+    target = check_target(path, "a mesh file", _WRITERS)
+    write = _WRITERS[target.suffix.lower()]
     lost: list[str] = []
     if any(material not in _PLAIN for material in _looks_of(mesh).materials):
         lost.append("materials")

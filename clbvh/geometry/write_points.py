@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError
-from ..support.files import as_path, write_atomically
+from ..support.files import check_target, write_atomically
 
 _TYPES = {"f8": "double", "f4": "float", "i4": "int", "u4": "uint", "u1": "uchar", "u2": "ushort"}
 
@@ -28,10 +28,8 @@ def write_points(path: str | os.PathLike[str], columns: Mapping[str, NDArray[Any
     columns : mapping of str to (n,) array
         x, y and z, and more values of each point.
     """
-    target = as_path(path)
+    target = check_target(path, "a file of points", POINT_SUFFIXES)
     suffix = target.suffix.lower()
-    if suffix not in POINT_SUFFIXES:
-        raise ConfigError(f"{target}: the name of a file of points must end in {', '.join(POINT_SUFFIXES)}")
     if suffix == ".ply":
         write_atomically(target, lambda file: write_ply(file, {"vertex": columns}))
     else:

@@ -36,7 +36,7 @@ from ..geometry.appearance.material import Material, Texture
 from ..geometry.mesh import Mesh
 from ..geometry.spheres import Shape, Spheres
 from ..support.archive import begins_with_member, read_members
-from ..support.files import as_path, open_regular, read_errors_as, write_atomically
+from ..support.files import open_regular, read_errors_as, write_atomically
 from ..support.memory import check_memory
 from .names import Named
 from .state import SAVED_SCENE, SceneState
@@ -152,7 +152,7 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
     arrays |= {name: getattr(state, name) for name in _INSTANCE_ARRAYS}
     arrays |= {_SETTING + name: value for name, value in settings.items() if isinstance(value, np.ndarray)}
     first = {SAVED_SCENE: np.frombuffer(json.dumps(text, default=msgspec.structs.asdict).encode(), np.uint8)}
-    write_atomically(as_path(path), lambda file: np.savez(file, **first | arrays))
+    write_atomically(path, lambda file: np.savez(file, **first | arrays))
 
 
 def _describe(material: Material, numbers: dict[Texture, int]) -> dict[str, Any]:

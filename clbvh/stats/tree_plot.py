@@ -36,9 +36,7 @@ _STYLE: Any = {"text.color": _INK, **dict.fromkeys(_MUTED_PARTS, _MUTED), **dict
 
 def check_plot_path(path: Path) -> None:
     """Raise `ConfigError` unless a plot can be drawn and written there; for checks before the work begins."""
-    if path.suffix.lower() != PLOT_SUFFIX:
-        raise ConfigError(f"{path}: a plot's name must end in {PLOT_SUFFIX}")
-    check_target(path)
+    check_target(path, "a plot", (PLOT_SUFFIX,))
     try:
         import matplotlib as matplotlib
     except ImportError as error:

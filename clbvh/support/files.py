@@ -10,7 +10,7 @@ import errno
 import os
 import shutil
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from io import BufferedReader
 from pathlib import Path
@@ -97,11 +97,15 @@ def as_path(path: str | os.PathLike[str]) -> Path:
         raise ConfigError(f"this is not the path of a file: give a path, not {path!r}") from error
 
 
-def check_target(path: Path) -> None:
-    """Raise `ConfigError` unless a file can be written there; for checks before the work begins.
+def check_target(path: str | os.PathLike[str], what: str = "", suffixes: Iterable[str] = ()) -> Path:
+    """Return a path; raise `ConfigError` unless a file can be written there. For checks before the work begins.
 
-    A link is followed. Only a regular file can be replaced: no device such as ``/dev/null``, no FIFO, no socket.
+    A link is followed. Only a regular file can be replaced: no device such as ``/dev/null``, no FIFO, no socket. Where
+    there are suffixes, the name must end in one of them; `what` says what the file is, with its article.
     """
+    path = as_path(path)
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise ConfigError(f"{path}: the name of {what} must end in {', '.join(suffixes)}")
     if "\0" in str(path):
         raise ConfigError(f"{str(path)!r}: this is not the path of a file")
     target = _follow(path)
@@ -112,7 +116,7 @@ def check_target(path: Path) -> None:
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
-        return
+        return path
     except OSError as error:
         raise ConfigError(f"{path}: no file can be written there: {error.strerror or error}") from error
     if stat.S_ISDIR(mode):
@@ -121,14 +125,15 @@ def check_target(path: Path) -> None:
         raise ConfigError(f"{path}: this is a device, a FIFO or a socket: only a regular file can be replaced")
     if not os.access(target, os.W_OK):
         raise ConfigError(f"{path}: this file is read-only")
+    return path
 
 
-def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
+def write_atomically(path: str | os.PathLike[str], write: Callable[[BinaryIO], object]) -> None:
     """Write a file so that its name never refers to an incomplete one.
 
     Parameters
     ----------
-    path : Path
+    path : str or path
         A regular file of this name is replaced once the new one is complete, and keeps its permissions. A link stays,
         and the file that it names is replaced.
     write : function
@@ -141,7 +146,7 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     OSError
         The file cannot be written: the disk is full, for example.
     """
-    check_target(path)
+    path = check_target(path)
     try:
         with replacing(_follow(path)) as file:
             write(file)

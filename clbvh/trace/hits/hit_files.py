@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import ConfigError
 from ...geometry import Mesh
 from ...support.files import check_target, write_atomically
 from .hits import Hits
@@ -17,9 +16,7 @@ HITS_SUFFIX = ".npz"
 
 def check_hits_path(path: Path) -> None:
     """Raise `ConfigError` unless hits can be written there."""
-    if path.suffix.lower() != HITS_SUFFIX:
-        raise ConfigError(f"{path}: the name of a hits file must end in {HITS_SUFFIX}")
-    check_target(path)
+    check_target(path, "a hits file", (HITS_SUFFIX,))
 
 
 def write_hits(path: Path, hits: Hits, geometry_names: Sequence[str], instance_names: Sequence[str]) -> None:
