@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from ..errors import ConfigError, MeshError, SceneError
 from ..geometry import Mesh, Shape, Spheres, find_known_mesh, load_mesh, make_shape
 from ..geometry.appearance.material import Material, Texture
-from ..geometry.loading.file_parts import POINT, find_hidden
+from ..geometry.loading.file_mesh import FileMesh
+from ..geometry.loading.file_parts import POINT, Parts, Placed, find_hidden, join_nodes
 from ..geometry.loading.spheres_file import SPHERES_SUFFIXES, read_spheres
 from ..geometry.loading.texture_files import decode_image
 from ..geometry.shapes.make_shape import SHAPES, list_options
@@ -400,15 +401,12 @@ def _place(found: SceneObject, file: SceneFile, geometries: dict[Any, Geometry])
     if find_hidden([matrix])[0]:
         return np.zeros((0, 4, 4))  # with their surface
     assert isinstance(surface, Mesh)
-    vertices, faces = surface.vertices @ matrix[:3, :3].T + matrix[:3, 3], surface.faces
-    if not np.isfinite(vertices).all():
+    ground = join_nodes(Parts([FileMesh("", surface.vertices, surface.faces)], [Placed("", 0, matrix)]))
+    if not np.isfinite(ground.vertices).all():
         raise MeshError(f"the surface of '{found.repeat.on}' has coordinates that are not finite in the scene")
-    # A mirrored triangle is seen from its other side, unless its corners are turned round.
-    if np.linalg.slogdet(matrix[:3, :3])[0] < 0:
-        faces = faces[:, ::-1]
     # What is up in a picture may be guessed, but by the whole scene.
     up = DEFAULT_UP if isinstance(file.view.up, str) else file.view.up
-    return found.repeat.matrices(found.transform, vertices, faces, up)
+    return found.repeat.matrices(found.transform, ground.vertices, ground.faces, up)
 
 
 def save_scene(path: str | os.PathLike[str], scene: Scene, view: View) -> None:
