@@ -113,23 +113,29 @@ def test_threads_share_a_renderer(renderer):
     run_in_threads(*(lambda seed=seed: draw_all(seed) for seed in range(6)))
 
 
-def test_closing_waits_for_pictures_of_other_threads():
-    opened, begun = Renderer(KNOT, VIEW), threading.Event()
+def close_while_others_draw(renderer, draw):
+    """Close a renderer once one of two threads has drawn; these draw on until it says that it is closed."""
+    begun = threading.Event()
 
     def draw_on():
         while True:
-            opened.render(width=200, height=150)
+            draw()
             begun.set()
 
-    def draw():
+    def draw_until_closed():
         with pytest.raises(QueryError, match="closed"):
             draw_on()
 
     def close():
         assert begun.wait(60)
-        opened.close()
+        renderer.close()
 
-    run_in_threads(draw, draw, close)
+    run_in_threads(draw_until_closed, draw_until_closed, close)
+
+
+def test_closing_waits_for_pictures_of_other_threads():
+    opened = Renderer(KNOT, VIEW)
+    close_while_others_draw(opened, lambda: opened.render(width=200, height=150))
     assert opened.tracer._caster.session.buffer_count == 0
 
 
@@ -175,22 +181,12 @@ class TestRenderersOfTracers:
         renderer.close()
 
     def test_a_renderer_may_be_closed_while_another_thread_draws(self, tracer):
-        renderer, expected, begun = Renderer(tracer, VIEW), clbvh.render(tracer, VIEW), threading.Event()
-
-        def draw_on():
-            while True:
-                assert same_picture(renderer.render(), expected)
-                begun.set()
+        renderer, expected = Renderer(tracer, VIEW), clbvh.render(tracer, VIEW)
 
         def draw():
-            with pytest.raises(QueryError, match="closed"):
-                draw_on()
+            assert same_picture(renderer.render(), expected)
 
-        def close():
-            assert begun.wait(60)
-            renderer.close()
-
-        run_in_threads(draw, draw, close)
+        close_while_others_draw(renderer, draw)
         assert tracer.closest_hit([0, 0, 9], [0, 0, -1]).t.shape == ()
 
     def test_options_that_a_tracer_has_are_refused(self, tracer):
