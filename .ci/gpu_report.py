@@ -28,6 +28,7 @@ from clbvh.choices import REPORT_SHADINGS, SHADINGS
 from clbvh.device.program import CORRECT_ROUNDING, GPU_OPTION, make_options
 from clbvh.device.radix_sort import GPU_PLAN
 from clbvh.device.sources import expand_source
+from clbvh.kinds import TRIANGLES
 from clbvh.support.folders import find_folder
 from clbvh.trace.world.trees import pad_stack
 from clbvh.trace.world.world import make_defines
@@ -173,7 +174,7 @@ def list_programs(layouts: Sequence[str] = TREE_LAYOUTS) -> Iterator[Program]:
                 continue
             stack_size = pad_stack(layout, 0)
             for is_lone in (True,) if kernel in _OF_LONE_SHAPES else (True, False):
-                defines = make_defines(layout, stack_size, is_lone=is_lone, has_spheres=False)
+                defines = make_defines(layout, stack_size, is_lone=is_lone, kinds={TRIANGLES})
                 yield from _list_variants(kernel, layout, not is_lone, defines)
 
 

@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from .choices import MAX_BINS, MAX_LEAF_SIZE, SHADINGS, TONE_CURVES
+from .kinds import KINDS, TRIANGLES, Kind
 from .tree_layouts import LAYOUT_STRUCTS, LAYOUTS, WIDE_WIDTHS
 
 _LANE_BYTES = 4
@@ -128,7 +129,7 @@ INSTANCE = np.dtype(
         ("first_node", "i4"),
         ("first_block", "i4"),
         ("block_count", "i4"),
-        # One of PRIM_KINDS.
+        # The number of a `Kind`.
         ("kind", "i4"),
         ("mask", "u4"),
         ("instance_id", "i4"),
@@ -176,10 +177,10 @@ EXACT_INSTANCE = np.dtype(
         # Zero and unit of the geometry's local coordinates in the coordinates of its file.
         ("origin", "f8", 3),
         ("scale", "f8"),
-        # Where the geometry's vertices, faces and spheres begin.
+        # Where the geometry's vertices, faces and numbers of solids begin.
         ("first_vertex", "i8"),
         ("first_face", "i8"),
-        ("first_sphere", "i8"),
+        ("first_solid", "i8"),
     ]
 )
 
@@ -473,9 +474,6 @@ TEXTURE_WRAPS = {"repeat": 0, "clamp": 1, "mirror": 2}
 CUTS = {"plane": 1, "box": 2}
 PROJECTIONS = {"perspective": 0, "distorted": 1, "orthographic": 2, "fisheye": 3, "panorama": 4}
 
-# The primitives of a geometry.
-PRIM_KINDS = {"triangles": 0, "spheres": 1}
-
 # Samples of the first pass after which the light of cells is compared, see cl/kernels/settle_tiles.cl.
 SETTLING_SAMPLES = 8
 
@@ -494,7 +492,7 @@ DEVICE_CONSTANTS = {
     "FAR_RADII": FAR_RADII,
     "MAX_TILE_LEAVES": MAX_TILE_LEAVES,
     "MOST_TILE_RAYS": MOST_TILE_RAYS,
-    **{"KIND_" + name.upper(): number for name, number in PRIM_KINDS.items()},
+    **{"KIND_" + name.upper(): kind.number for name, kind in KINDS.items()},
     **{"LAYOUT_" + name.upper(): layout.number for name, layout in LAYOUTS.items()},
     **{"TONE_" + name.upper(): number for name, number in TONE_CURVES.items()},
     **{"WRAP_" + name.upper(): number for name, number in TEXTURE_WRAPS.items()},
@@ -504,7 +502,7 @@ DEVICE_CONSTANTS = {
 }
 
 # Of kernels that are compiled without them, see cl/world/world.cl.
-_DEFAULT_MACROS = {"LONE": 1, "HAS_SPHERES": 0, "EXACT": 0}
+_DEFAULT_MACROS = {"LONE": 1, "KINDS": TRIANGLES.bit, "EXACT": 0}
 
 # Bytes of a vector of four words, the longest load of a GPU.
 _LARGEST_ALIGNMENT = 16
@@ -529,6 +527,7 @@ def c_declarations() -> str:
     """
     lines = [f"#define {name} ({value})" for name, value in DEVICE_CONSTANTS.items()]
     lines += [f"#ifndef {name}\n#define {name} {value}\n#endif" for name, value in _DEFAULT_MACROS.items()]
+    lines += [_kind_macros(kind) for kind in KINDS.values()]
     lines.append("#ifndef ALIGNED\n#define ALIGNED(bytes) __attribute__((aligned(bytes)))\n#endif")
     for name, dtype in DEVICE_STRUCTS.items():
         lines += _c_struct(name, dtype)
@@ -537,6 +536,15 @@ def c_declarations() -> str:
         lines += _c_struct(name, dtype)
     lines += ["#else", *(f"typedef int {name};" for name in _NO_DOUBLES), "#endif"]
     return "\n".join(lines) + "\n"
+
+
+def _kind_macros(kind: Kind) -> str:
+    """Return the macros that tell whether kernels meet a kind, and whether a number is its: where there is no other."""
+    name, bit = kind.name.upper(), kind.bit
+    return (
+        f"#define HAS_{name} ((KINDS & {bit}) != 0)\n"
+        f"#define IS_{name}(kind) (HAS_{name} && (KINDS == {bit} || (kind) == {kind.number}))"
+    )
 
 
 def _c_struct(name: str, dtype: np.dtype) -> list[str]:

@@ -8,7 +8,7 @@
 // exact_instances[]    exact_instance_t: of the instances, by their ids; one of a lone shape
 // exact_vertices[]     double[3]: the vertices of all meshes, one mesh after the other, in the coordinates of the file
 // exact_faces[]        int[3]: their faces; indices count within a mesh
-// exact_spheres[]      double[4]: the centres and radii of all spheres
+// exact_solids[]       double: the numbers of all other primitives, see `SurfaceArrays.solids`
 
 // keep: defines EXACT, and expanded before the branch
 #include "structs.cl"
@@ -30,7 +30,7 @@ typedef struct {
     const global exact_instance_t *instances;
     const global double *vertices;
     const global int *faces;
-    const global double *spheres;
+    const global double *solids;
 } exact_shapes_t;
 
 typedef struct {

@@ -155,13 +155,11 @@ INLINED float found_emitter_density(const global view_t *view, const shown_t *sh
 {
     const float per_area = luminance(shown->appearance.emission) / view->light_power;
     const float3 normal = shown->surface.normal;
-#if HAS_SPHERES
     const float radius = shown->surface.sphere_radius;
-    if (radius > 0.0f) {
+    if (HAS_SPHERES && radius > 0.0f) {
         const float3 outward = shown->surface.is_back ? -normal : normal;
         return sphere_share(view, per_area, radius) * sphere_lamp_density(radius, way, outward);
     }
-#endif
     const float squared = dot_product(way, way);
     return emitter_density(view, per_area, squared, -dot_product(normal, way) / square_root(squared));
 }
@@ -171,8 +169,7 @@ INLINED bool sample_emitter(
     const float2 sample, light_sample_t *found)
 {
     const global light_t *light = lights->lights + choose(lights->light_choices, view->light_count, choice, more);
-#if HAS_SPHERES
-    if (light->radius > 0.0f) {
+    if (HAS_SPHERES && light->radius > 0.0f) {
         const float3 radiance = load3(light->emission);
         const float density = sample_sphere_lamp(
             load3(light->a) - from, light->radius, sample, &found->direction, &found->distance);
@@ -180,7 +177,6 @@ INLINED bool sample_emitter(
         found->radiance = radiance / found->density;
         return density > 0.0f;
     }
-#endif
     const float root = square_root(sample.x);
     const float3 point =
         load3(light->a) + (1.0f - root) * load3(light->ab) + root * sample.y * load3(light->ac);

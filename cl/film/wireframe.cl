@@ -53,12 +53,12 @@ INLINED float find_edge_share(const float distance, const float height, const fl
     return share * clamp(strength, 0.0f, 1.0f);
 }
 
-// The share of a pixel, from 0 to 1, that lines cover around a ray's hit at `position`; 0 for spheres.
+// The share of a pixel, from 0 to 1, that lines cover around a ray's hit at `position`; 0 for primitives without edges.
 CALLED float find_line_share(
     const global view_t *view, const world_t *world, const world_ray_t *ray, const float2 film,
     const search_t *search, const float3 position, const float smoothing)
 {
-    if (!(view->line_width > 0.0f) || is_sphere(world, search)) {
+    if (!(view->line_width > 0.0f) || !IS_TRIANGLES(hit_kind(world, search))) {
         return 0.0f;
     }
     float3 ab, ac;

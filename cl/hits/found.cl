@@ -57,7 +57,7 @@ INLINED void will_read_prim(const surfaces_t *surfaces, const found_hits_t *foun
     const int prim = prim_of(found, hit);
     if (prim != NO_PRIM) {
         const int geometry = surfaces->geometry_id[instance_of(found, hit)];
-        if (surfaces->kind[geometry] == KIND_SPHERES) {
+        if (IS_SPHERES(surfaces->kind[geometry])) {
             WILL_READ(sphere_at(surfaces, geometry, prim));
         } else {
             WILL_READ(face_at(surfaces, geometry, prim));
@@ -71,7 +71,7 @@ INLINED void will_read_corners(const surfaces_t *surfaces, const found_hits_t *f
     const int prim = prim_of(found, hit);
     if (prim != NO_PRIM) {
         const int geometry = surfaces->geometry_id[instance_of(found, hit)];
-        if (surfaces->kind[geometry] != KIND_SPHERES) {
+        if (IS_TRIANGLES(surfaces->kind[geometry])) {
             const global int *face = face_at(surfaces, geometry, prim);
             for (int corner = 0; corner < 3; corner++) {
                 WILL_READ(vertex_at(surfaces, surfaces->first_vertex[geometry] + face[corner]));

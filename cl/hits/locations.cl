@@ -82,7 +82,7 @@ INLINED double3 locate_point(
 {
     const int geometry = surfaces->geometry_id[instance];
     double3 point;
-    if (surfaces->kind[geometry] == KIND_SPHERES) {
+    if (IS_SPHERES(surfaces->kind[geometry])) {
         const global double *sphere = sphere_at(surfaces, geometry, prim);
         point = load_wide_row(sphere, 0) + sphere[3] * sphere_point(u, v);
     } else {
@@ -108,4 +108,19 @@ INLINED direction_t turn_normal(const surfaces_t *surfaces, const int instance, 
     const global double *rows = surfaces->inverse + 9 * (long)instance;
     return direction_of(
         load_wide_row(rows, 0) * normal.x + load_wide_row(rows, 1) * normal.y + load_wide_row(rows, 2) * normal.z);
+}
+
+// The unit normal at the point (u, v) of a primitive, on its outer side, in the world.
+INLINED double3 normal_at_point(
+    const surfaces_t *surfaces, const int instance, const int prim, const double u, const double v)
+{
+    const int geometry = surfaces->geometry_id[instance];
+    double3 normal;
+    if (IS_SPHERES(surfaces->kind[geometry])) {
+        normal = sphere_point(u, v);
+    } else {
+        const wide_corners_t corners = load_wide_corners(surfaces, geometry, prim);
+        normal = normal_of(&corners, surfaces->scale[geometry]);
+    }
+    return turn_normal(surfaces, instance, normal).unit;
 }

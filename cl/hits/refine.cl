@@ -5,17 +5,13 @@
 //
 // Triangles of instances are placed first and intersected then, so that their hits are as exact far from the world's
 // zero as they are in a mesh that lies there. A placed sphere is an ellipsoid, so there the ray goes into the
-// geometry's coordinates. Spheres are hit where HAS_SPHERES is 1.
+// geometry's coordinates.
 
 #include "structs.cl"
 #include "hits/surfaces.cl"
 #include "math/doubles.cl"
 #include "rays/arrays.cl"
-
-#if HAS_SPHERES
-// keep: for spheres
 #include "spheres/crossing.cl"
-#endif
 
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 
@@ -147,7 +143,6 @@ INLINED refined_hit_t refine_on_triangle(
     return hit;
 }
 
-#if HAS_SPHERES
 INLINED refined_hit_t refine_on_sphere(
     const surfaces_t *surfaces, const wide_ray_t *ray, const int instance, const int geometry, const int prim,
     const bool is_leaving)
@@ -162,7 +157,6 @@ INLINED refined_hit_t refine_on_sphere(
     const refined_hit_t hit = {t, uv.x, uv.y, is_leaving ? -1.0 : 1.0};
     return hit;
 }
-#endif
 
 // The hit of a ray on a primitive that a traversal found. Where double sees the ray pass beside the primitive, by less
 // than float resolves, t, u and v are those of the primitive's point that is nearest to the ray.
@@ -174,13 +168,9 @@ INLINED refined_hit_t refine_hit(
     const surfaces_t *surfaces, const wide_ray_t *ray, const int instance, const int prim, const bool is_leaving)
 {
     const int geometry = surfaces->geometry_id[instance];
-#if HAS_SPHERES
-    refined_hit_t hit = surfaces->kind[geometry] == KIND_SPHERES
+    refined_hit_t hit = IS_SPHERES(surfaces->kind[geometry])
         ? refine_on_sphere(surfaces, ray, instance, geometry, prim, is_leaving)
         : refine_on_triangle(surfaces, ray, instance, geometry, prim);
-#else
-    refined_hit_t hit = refine_on_triangle(surfaces, ray, instance, geometry, prim);
-#endif
     hit.t = least_of(least_of(most_of(hit.t, ray->t_min), ray->t_max), MOST_T);
     return hit;
 }

@@ -3,10 +3,7 @@
 //
 // The query is a constant wherever these functions are called, so inlining removes the code of the others.
 //
-// HAS_SPHERES, if defined as 1: the primitives may be spheres, and `kind` says whether they are. make_search leaves it
-// at triangles.
-//
-// LONE: see world/world.cl. HAS_SPHERES with LONE: all primitives are spheres.
+// LONE: see world/world.cl.
 //
 // COUNT_STEPS, if defined as 1: the traversal counts its steps in `steps`, see kernels/count_steps.cl.
 
@@ -21,6 +18,9 @@
 #define QUERY_FIRST 2
 // The number of crossings with faces that are not in `surplus`.
 #define QUERY_PARITY 3
+
+// In the place of a kind where a kernel meets one alone: there IS_TRIANGLES, IS_SPHERES are constants.
+#define ONLY_KIND -1
 
 // A hit in the heap.
 #if !LONE
@@ -53,9 +53,7 @@ typedef struct {
     int instance_id;
     precise_t t_shift;
 #endif
-#if HAS_SPHERES
-    int kind;                 // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
-#endif
+    int kind;                 // of the primitives of the tree that is traversed
 #if COUNT_STEPS
     steps_t *steps;
 #endif
@@ -71,9 +69,7 @@ typedef struct {
 
 INLINED search_t make_search(const int max_count, global kept_hit_t *heap)
 {
-#if LONE && HAS_SPHERES
-    const search_t search = {no_crossing(), 0, max_count, heap, KIND_SPHERES};
-#elif !LONE
+#if !LONE
     const search_t search = {no_crossing(), 0, max_count, heap, -1, -1, 0.0f};
 #else
     const search_t search = {no_crossing(), 0, max_count, heap};
@@ -157,12 +153,10 @@ INLINED bool comes_first(const kept_hit_t *a, const kept_hit_t *b)
         return a->t_inside < b->t_inside;
     }
 #endif
-#if HAS_SPHERES
     // A ray enters a sphere before it leaves it, also where float32 has one t for both.
     if (a->t == b->t && a->prim_id == b->prim_id) {
         return a->u < b->u;
     }
-#endif
     return precedes(a->t, a->prim_id, b->t, b->prim_id);
 }
 

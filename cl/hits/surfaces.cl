@@ -10,12 +10,12 @@ typedef struct {
     // As bytes: doubles where `has_doubles` is not 0, else floats.
     const global char *vertices;
     const global int *faces;
-    const global double *spheres;
+    const global double *solids;
     global float *margins;
     const global int *kind;
     const global long *first_vertex;
     const global long *first_face;
-    const global long *first_sphere;
+    const global long *first_solid;
     const global double *origin;
     const global double *scale;
     const global double *half_size;
@@ -81,5 +81,5 @@ INLINED wide_corners_t load_wide_corners(const surfaces_t *surfaces, const int g
 // The centre of a sphere, and its radius behind it.
 INLINED const global double *sphere_at(const surfaces_t *surfaces, const int geometry, const int prim)
 {
-    return surfaces->spheres + 4 * (surfaces->first_sphere[geometry] + prim);
+    return surfaces->solids + surfaces->first_solid[geometry] + 4 * (long)prim;
 }

@@ -7,6 +7,9 @@
 // `-fmax-type-align=1` says the same of numbers.
 #define ALIGNED(bytes)
 
+// They meet primitives of all kinds.
+#define KINDS -1
+
 BUILTIN double3 vload3(const size_t index, const double *from)
 {
     return (double3)(from[3 * index], from[3 * index + 1], from[3 * index + 2]);

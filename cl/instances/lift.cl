@@ -31,8 +31,8 @@ INLINED float lift_over_instance(
         + normal.z * load3(instance->to_world[2]);
     const float3 object_normal = unit_vector(turned);
     const float gain = dot_product(turned, object_normal);
-    // From inside of a sphere, errors along the tangent plane lead out of it, too.
-    const float3 weights = instance->kind == KIND_SPHERES ? (float3)(1.0f) : magnitude(object_normal);
+    // From inside of a solid, errors along the tangent plane lead out of it, too.
+    const float3 weights = IS_TRIANGLES(instance->kind) ? magnitude(object_normal) : (float3)(1.0f);
     const float3 entry =
         transform_bound(instance->to_object, transform_bound(instance->to_world, (float3)(1.0f)));
     const float roundings = ROUNDING * dot_product(weights, SURFACE_ROUNDINGS + ENTRY_ROUNDINGS * entry);

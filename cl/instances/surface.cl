@@ -1,10 +1,7 @@
 // The point of a crossing on an instance, with the surface normal there, in the scene's local coordinates.
 
-#include "instances/traverse.cl"
+#include "instances/instance.cl"
 #include "shading/surface.cl"
-#if HAS_SPHERES
-#include "spheres/surface.cl"
-#endif
 
 // A point on its way from the geometry to the scene and back has at most 10 roundings: 4 for each linear part, whose
 // entries are rounded, too, one where the pair becomes a float, and one where the point is moved above the surface.
@@ -20,9 +17,6 @@ typedef struct {
     float3 below_low;
     float3 normal;     // unit vector on the side of the ray's origin
     bool is_back;      // see surface_t
-#if HAS_SPHERES
-    float radius;      // of a sphere that its instance does not stretch; 0 for a triangle
-#endif
 } instance_surface_t;
 
 // A bound on the magnitude of a transformed vector, of which a bound is known.
@@ -54,39 +48,5 @@ INLINED instance_surface_t place_surface(const global instance_t *instance, cons
     placed.normal = unit_vector(
         normal.x * load3(instance->to_object[0]) + normal.y * load3(instance->to_object[1])
         + normal.z * load3(instance->to_object[2]));
-#if HAS_SPHERES
-    placed.radius = 0.0f;
-#endif
     return placed;
-}
-
-// The surface where a ray's nearest crossing with the scene is.
-INLINED instance_surface_t instance_surface_at(
-    const global instance_t *instances, const global block_t *blocks, const global float *spheres,
-    const ray_pair_t *ray, const search_t *search)
-{
-    const global instance_t *instance = instances + search->instance_index;
-    const global block_t *own_blocks = find_blocks(instance, blocks, spheres);
-#if HAS_SPHERES
-    if (instance->kind == KIND_SPHERES) {
-        float t_shift;
-        const ray_t inside = enter_instance(ray, instance, INFINITY, &t_shift);
-        const ball_t ball = ball_at((const global sphere_block_t *)own_blocks, search->nearest.triangle_index);
-        const surface_t surface = sphere_surface_at(&ball, search->nearest.u > 0.0f, &inside);
-        instance_surface_t placed = place_surface(instance, &surface);
-        const float3 scale = load3(instance->to_world[0]);
-        placed.radius = ball.radius * square_root(dot_product(scale, scale));
-        return placed;
-    }
-#endif
-    const float3 direction = transform_vector(instance->to_object, ray->direction);
-    const corners_t corners = corners_at(own_blocks, search->nearest.triangle_index);
-#if EXACT
-    const corners_t edges = exact_edges(&ray->shapes, search->instance_id, search->nearest.prim_id);
-#else
-    const corners_t edges = corners;
-#endif
-    const surface_t tight = surface_at(&corners, &edges, &search->nearest, direction);
-    const surface_t surface = with_even_error(&tight);
-    return place_surface(instance, &surface);
 }

@@ -5,24 +5,22 @@
 //
 // top_nodes[]              bvh2_node_t: the tree over the instances, in the scene's local coordinates
 // instances[]              instance_t: in the order of that tree's leaves
-// nodes[], blocks[]        node_t, block_t: the trees of all geometries, one after the other; indices within a tree
-//                          count from its own begin
-// spheres[]                float: the blocks of the geometries that are spheres
+// nodes[], blocks          node_t and kind_blocks_t: the trees of all geometries, one after the other; indices within a
+//                          tree count from its own begin
 //
 // Assumes TOP_STACK_SIZE >= the depth of the tree over the instances, at least 1.
 
 #include "boxes/aabb.cl"
-#include "instances/blocks.cl"
 #include "instances/instance.cl"
 #include "instances/start.cl"
+#include "prims/blocks.cl"
 #include "traversal/traverse.cl"
 
 // Reports each crossing of the ray with an instance to the search. The ray begins at an entry point of the geometry's
 // tree, or at its root if that is NULL.
 INLINED void visit_instance(
-    const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
-    const global float *spheres, const global node_t *entry_point, const ray_pair_t *ray, search_t *search,
-    const int query)
+    const global instance_t *instances, const int index, const global node_t *nodes, const kind_blocks_t blocks,
+    const global node_t *entry_point, const ray_pair_t *ray, search_t *search, const int query)
 {
     const global instance_t *instance = instances + index;
     if ((instance->mask & ray->mask) == 0) {
@@ -30,7 +28,7 @@ INLINED void visit_instance(
     }
     const global node_t *root = nodes + instance->first_node;
     const global node_t *start = entry_point ? entry_point : root;
-    const global block_t *own_blocks = find_blocks(instance, blocks, spheres);
+    const global block_t *own_blocks = find_blocks(instance, blocks);
     float t_max = ray->t_max;
     if (query == QUERY_CLOSEST) {
         // A crossing as far as the nearest one so far may still win by its instance.
@@ -48,9 +46,7 @@ INLINED void visit_instance(
     if (query == QUERY_FIRST) {
         search->instance_id = instance->instance_id;
         search->t_shift = t_shift;
-#if HAS_SPHERES
         search->kind = instance->kind;
-#endif
         traverse(root, start, own_blocks, instance->block_count, &inside, search, query);
         return;
     }
@@ -58,9 +54,7 @@ INLINED void visit_instance(
 #if COUNT_STEPS
     own.steps = search->steps;
 #endif
-#if HAS_SPHERES
     own.kind = instance->kind;
-#endif
     traverse(root, start, own_blocks, instance->block_count, &inside, &own, query);
     if (query == QUERY_COUNT) {
         search->count += own.count;
@@ -92,37 +86,36 @@ INLINED void visit_instance(
 #endif
 
 VISITED void visit_for_closest(
-    const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
-    const global float *spheres, const global node_t *entry_point, const ray_pair_t *ray, search_t *search)
+    const global instance_t *instances, const int index, const global node_t *nodes, const kind_blocks_t blocks,
+    const global node_t *entry_point, const ray_pair_t *ray, search_t *search)
 {
-    visit_instance(instances, index, nodes, blocks, spheres, entry_point, ray, search, QUERY_CLOSEST);
+    visit_instance(instances, index, nodes, blocks, entry_point, ray, search, QUERY_CLOSEST);
 }
 
 VISITED void visit_for_count(
-    const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
-    const global float *spheres, const global node_t *entry_point, const ray_pair_t *ray, search_t *search)
+    const global instance_t *instances, const int index, const global node_t *nodes, const kind_blocks_t blocks,
+    const global node_t *entry_point, const ray_pair_t *ray, search_t *search)
 {
-    visit_instance(instances, index, nodes, blocks, spheres, entry_point, ray, search, QUERY_COUNT);
+    visit_instance(instances, index, nodes, blocks, entry_point, ray, search, QUERY_COUNT);
 }
 
 VISITED void visit_for_first(
-    const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
-    const global float *spheres, const global node_t *entry_point, const ray_pair_t *ray, search_t *search)
+    const global instance_t *instances, const int index, const global node_t *nodes, const kind_blocks_t blocks,
+    const global node_t *entry_point, const ray_pair_t *ray, search_t *search)
 {
-    visit_instance(instances, index, nodes, blocks, spheres, entry_point, ray, search, QUERY_FIRST);
+    visit_instance(instances, index, nodes, blocks, entry_point, ray, search, QUERY_FIRST);
 }
 
 INLINED void visit_for(
-    const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
-    const global float *spheres, const global node_t *entry_point, const ray_pair_t *ray, search_t *search,
-    const int query)
+    const global instance_t *instances, const int index, const global node_t *nodes, const kind_blocks_t blocks,
+    const global node_t *entry_point, const ray_pair_t *ray, search_t *search, const int query)
 {
     if (query == QUERY_CLOSEST) {
-        visit_for_closest(instances, index, nodes, blocks, spheres, entry_point, ray, search);
+        visit_for_closest(instances, index, nodes, blocks, entry_point, ray, search);
     } else if (query == QUERY_COUNT) {
-        visit_for_count(instances, index, nodes, blocks, spheres, entry_point, ray, search);
+        visit_for_count(instances, index, nodes, blocks, entry_point, ray, search);
     } else {
-        visit_for_first(instances, index, nodes, blocks, spheres, entry_point, ray, search);
+        visit_for_first(instances, index, nodes, blocks, entry_point, ray, search);
     }
 }
 
@@ -208,13 +201,13 @@ INLINED int find_next_leaf(
 
 INLINED void traverse_instances(
     const global bvh2_node_t *top_nodes, const global instance_t *instances, const global node_t *nodes,
-    const global block_t *blocks, const global float *spheres, const instance_start_t start,
+    const kind_blocks_t blocks, const instance_start_t start,
     const ray_pair_t *ray, search_t *search, const int query)
 {
 #if HAS_ENTRY_POINTS
     if (start.instance_index != NO_INSTANCE) {
         visit_for(
-            instances, start.instance_index, nodes, blocks, spheres, start.entry_point, ray, search, query);
+            instances, start.instance_index, nodes, blocks, start.entry_point, ray, search, query);
         return;
     }
     if (start.tile && start.tile->leaf_count == 0) {
@@ -237,7 +230,7 @@ INLINED void traverse_instances(
         const int first = top_nodes[leaf >> 1].first[leaf & 1];
         const int end = first + top_nodes[leaf >> 1].count[leaf & 1];
         for (int index = first; index < end; index++) {
-            visit_for(instances, index, nodes, blocks, spheres, 0, ray, search, query);
+            visit_for(instances, index, nodes, blocks, 0, ray, search, query);
             if (is_complete(search, query)) {
                 return;
             }

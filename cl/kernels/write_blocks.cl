@@ -1,6 +1,6 @@
 // Writes the primitives of the leaves as a layout stores them, see `layouts/leaf_blocks.py`: BLOCK_WIDTH in a block.
 //
-// HAS_SPHERES as 1: blocks of centres and radii.
+// KINDS: the bit of one kind, see clbvh/kinds.py.
 // HAS_FP64 as 1: degenerate triangles are found by the rule of `Mesh.degenerate_faces`; else the host tells them.
 //
 // points, corners                    see tree/prims.cl; of spheres 0 without boxes

@@ -1,6 +1,7 @@
 // The primitive nearest to a point in the `brute` layout: all are tested.
 
-#include "nearest/single.cl"
+#include "nearest/search.cl"
+#include "prims/single.cl"
 #include "traversal/brute.cl"
 
 INLINED void find_nearest(

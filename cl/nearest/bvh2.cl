@@ -4,7 +4,8 @@
 // Assumes STACK_SIZE >= the depth of the tree, at least 1. A child is named by its slot, 2 * node + child, which is
 // also the stack entry.
 
-#include "nearest/single.cl"
+#include "nearest/search.cl"
+#include "prims/single.cl"
 #include "traversal/bvh2.cl"
 
 INLINED bool may_child_be_nearer(

@@ -23,7 +23,7 @@
 #include "nearest/point_triangle.cl"
 #include "instances/instance.cl"
 
-#define FINE_BOUNDS (EXACT && LONE && !HAS_SPHERES)
+#define FINE_BOUNDS (EXACT && LONE && HAS_TRIANGLES)
 
 #define LONE_SLACK ERROR_BOUND(32)
 #define METRIC_SLACK ERROR_BOUND(64)
@@ -85,9 +85,7 @@ typedef struct {
     bool is_sheared;
     float3 start;  // the offset
     float slack;
-#if HAS_SPHERES
     const global metric_record_t *record;
-#endif
 } metric_t;
 
 // A point of the geometry in the scene, relative to the point. A corner that two triangles share has the same bits in
@@ -150,13 +148,10 @@ make_metric(const global instance_t *instance, const global metric_record_t *rec
     metric.is_sheared = record->is_sheared;
     metric.start = transform_vector(record->turn, metric.offset);
     metric.slack = METRIC_SLACK * (sum_of(magnitude(metric.offset)) + unit * record->reach);
-#if HAS_SPHERES
     metric.record = record;
-#endif
     return metric;
 }
 
-#if HAS_SPHERES
 // The metric of a shape for a point, both in the shape's local coordinates.
 INLINED metric_t make_lone_metric(const float3 point)
 {
@@ -165,6 +160,5 @@ INLINED metric_t make_lone_metric(const float3 point)
         false, -point, METRIC_SLACK * (sum_of(magnitude(point)) + 3.0f), 0};
     return metric;
 }
-#endif
 
 #endif

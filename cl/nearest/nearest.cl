@@ -1,18 +1,8 @@
 // The primitive nearest to a point, in the layout that the host asks for by LAYOUT. Each layout defines `find_nearest`,
 // which tests every primitive that may be the nearest.
 
-// keep: defines node_t, block_t and WIDTH of the layout
+// keep: defines node_t, block_t and WIDTH of the layout, and expands what several layouts include
 #include "traversal/traverse.cl"
-
-// keep: files that several layouts include are expanded before the branches, see traversal/traverse.cl
-#include "nearest/point_triangle.cl"
-#include "nearest/search.cl"
-#if HAS_SPHERES
-#include "nearest/sphere.cl"
-#endif
-#if LAYOUT == LAYOUT_BVH2 || LAYOUT == LAYOUT_BRUTE
-#include "nearest/single.cl"
-#endif
 
 // keep: the find_nearest of one layout
 #if LAYOUT == LAYOUT_BVH2

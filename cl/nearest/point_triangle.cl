@@ -22,6 +22,22 @@ typedef struct {
     real_t z;
 } point_t;
 
+#ifdef WIDTH
+
+typedef union {
+    lanes_t lanes;
+    float of_lane[WIDTH];
+} distances_t;
+
+// Three rows of a node or of a block.
+INLINED point_t load_points(const global float rows[3][WIDTH])
+{
+    const point_t points = {load_lanes(rows[0]), load_lanes(rows[1]), load_lanes(rows[2])};
+    return points;
+}
+
+#endif
+
 INLINED point_t difference_of(const point_t a, const point_t b)
 {
     const point_t result = {a.x - b.x, a.y - b.y, a.z - b.z};

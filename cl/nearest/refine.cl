@@ -1,6 +1,4 @@
 // The points of near primitives, computed again in double from the numbers of the file.
-//
-// HAS_SPHERES as 1: primitives may be spheres.
 
 #include "structs.cl"
 #include "hits/found.cl"
@@ -8,11 +6,9 @@
 #include "math/doubles.cl"
 #include "rays/pack.cl"
 #include "triangles/closest.cl"
-#if HAS_SPHERES
 #define IN_DOUBLES
 #include "nearest/ellipsoid.cl" // again, in doubles
 #undef IN_DOUBLES
-#endif
 
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 
@@ -115,7 +111,6 @@ close_to_triangle(const wide_world_t *world, const double3 point, const int inst
     return closest;
 }
 
-#if HAS_SPHERES
 // The closest point of the ellipsoid that a placed sphere is.
 INLINED closest_t
 close_to_sphere(const wide_world_t *world, const double3 point, const int instance, const int prim)
@@ -147,7 +142,6 @@ close_to_sphere(const wide_world_t *world, const double3 point, const int instan
         : times_power_of_two(sqrt(dot3(away, away)), exponent);
     return closest;
 }
-#endif
 
 // The closest point of a primitive, or of none.
 INLINED closest_t
@@ -157,11 +151,9 @@ find_closest(const wide_world_t *world, const double3 point, const int instance,
         const closest_t none = {(double3)(NAN), INFINITY};
         return none;
     }
-#if HAS_SPHERES
-    if (world->surfaces.kind[world->surfaces.geometry_id[instance]] == KIND_SPHERES) {
+    if (IS_SPHERES(world->surfaces.kind[world->surfaces.geometry_id[instance]])) {
         return close_to_sphere(world, point, instance, prim);
     }
-#endif
     return close_to_triangle(world, point, instance, prim);
 }
 

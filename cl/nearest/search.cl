@@ -5,8 +5,6 @@
 // same distance, bit for bit; of equally near triangles the smaller prim_id wins, so the order of the tests does not
 // matter.
 //
-// HAS_SPHERES, if defined as 1: the primitives may be spheres, and `kind` says whether they are.
-//
 // Whether there is a heap is a constant wherever these functions are called, so inlining removes the code of the other.
 
 // keep: defines LONE
@@ -48,9 +46,8 @@ typedef struct {
     float distance_squared;
     float distance;
     int prim_id;
-#if HAS_SPHERES
-    int kind;  // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
-#endif
+    int kind;                 // of the primitives of the tree that is traversed
+    bool is_of_inside;        // solids are at distance zero from the points inside, and not near any others
     near_heap_t kept;
     int instance_id;
 } nearest_t;
@@ -120,9 +117,8 @@ INLINED nearest_t make_nearest(const metric_t metric, const int kind)
     nearest.metric = metric;
     nearest.distance_squared = nearest.distance = INFINITY;
     nearest.prim_id = NO_PRIM;
-#if HAS_SPHERES
     nearest.kind = kind;
-#endif
+    nearest.is_of_inside = false;
     nearest.kept = no_heap();
     nearest.instance_id = 0;
     return nearest;

@@ -5,17 +5,8 @@
 
 #include "nearest/point_triangle.cl"
 #include "nearest/search.cl"
+#include "prims/leaf.cl"
 #include "traversal/wide.cl"
-#if HAS_SPHERES
-#include "nearest/sphere.cl"
-#endif
-
-// Three rows of a node or of a block of spheres.
-INLINED point_t load_points(const global float rows[3][WIDTH])
-{
-    const point_t points = {load_lanes(rows[0]), load_lanes(rows[1]), load_lanes(rows[2])};
-    return points;
-}
 
 // Returns one bit per child, set where a primitive in its box may be as near as the nearest so far; *distance has the
 // least distance that a primitive in each box can have.
@@ -27,60 +18,6 @@ INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *
     // An inverted box has a huge or infinite distance, which the nearest distance may equal.
     const lane_mask_t is_child = lower.x <= load_lanes(node->aabb_max[0]);
     return mask_bits((*distance <= nearest->distance) & is_child);
-}
-
-// One corner of each triangle in the coordinates whose zero is the point.
-INLINED point_t place_corners(const nearest_t *nearest, const leaf_t leaf, const int corner)
-{
-    return place_point(
-        &nearest->metric, load_row(leaf, corner, 0), load_row(leaf, corner, 1), load_row(leaf, corner, 2));
-}
-
-typedef union {
-    lanes_t lanes;
-    float of_lane[WIDTH];
-} distances_t;
-
-// Degenerate triangles are NaN, which is never near.
-INLINED void test_triangles(nearest_t *nearest, const leaf_t leaf)
-{
-    distances_t upper;
-    const distances_t squared = {squared_to_triangle(
-        &nearest->metric, place_corners(nearest, leaf, 0), place_corners(nearest, leaf, 1),
-        place_corners(nearest, leaf, 2), &upper.lanes)};
-    uint near = mask_bits(squared.lanes <= nearest->distance_squared) & lanes_in(leaf);
-    for (; near != 0; near &= near - 1) {
-        const int lane = lowest_bit(near);
-        add_distance(nearest, squared.of_lane[lane], upper.of_lane[lane], prim_id_of(leaf, lane));
-    }
-}
-
-#if HAS_SPHERES
-
-// Lanes without a sphere are NaN.
-INLINED void test_spheres(nearest_t *nearest, const global sphere_block_t *spheres)
-{
-    const distances_t squared = {
-        distance_squared_to_sphere(nearest, load_points(spheres->centre), load_lanes(spheres->radius))};
-    for (uint near = mask_bits(squared.lanes <= nearest->distance_squared); near != 0; near &= near - 1) {
-        const int lane = lowest_bit(near);
-        add_distance(nearest, squared.of_lane[lane], INFINITY, spheres->prim_id[lane]);
-    }
-}
-
-#endif
-
-INLINED void test_leaf(nearest_t *nearest, const global block_t *blocks, const int leaf)
-{
-#if HAS_SPHERES
-    if (nearest->kind != KIND_TRIANGLES) {
-        test_spheres(nearest, (const global sphere_block_t *)blocks + leaf);
-        return;
-    }
-#endif
-    for (int block = leaf; block != NO_BLOCK; block = next_block(leaf_at(blocks, block), block)) {
-        test_triangles(nearest, leaf_at(blocks, block));
-    }
 }
 
 INLINED void find_nearest(

@@ -103,10 +103,11 @@ INLINED bool meets_subtrees(const world_t *world, const subtrees_t *subtrees, co
         for (; met != 0; met &= met - 1) {
             const int child = subtrees->child[WIDTH * group + lowest_bit(met)];
             if (child < 0) {
-                intersect_leaf(world->blocks, ~child, ray, &permutation, &search, QUERY_COUNT);
+                intersect_leaf(world->blocks.own, ~child, ray, &permutation, &search, QUERY_COUNT);
             } else {
                 visit_as_stored(
-                    world->nodes, world->nodes + child, world->blocks, ray, &slabs, &permutation, &search, QUERY_COUNT);
+                    world->nodes, world->nodes + child, world->blocks.own, ray, &slabs, &permutation, &search,
+                    QUERY_COUNT);
             }
             if (is_complete(&search, QUERY_COUNT)) {
                 return true;

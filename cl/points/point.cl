@@ -9,10 +9,7 @@ typedef struct {
     uint mask;
 } point_pair_t;
 
-#if LONE
-// The primitives of a lone shape.
-#define LONE_KIND (HAS_SPHERES ? KIND_SPHERES : KIND_TRIANGLES)
-#else
+#if !LONE
 INLINED bool is_visible(const point_pair_t *point, const global instance_t *instance)
 {
     return (point->mask & instance->mask) != 0;

@@ -2,6 +2,9 @@
 // others one by one.
 
 #include "math/lanes.cl"
+#include "nearest/point_triangle.cl"
+#include "nearest/search.cl"
+#include "spheres/distance.cl"
 #include "spheres/sphere.cl"
 #include "triangles/block.cl"
 
@@ -25,12 +28,13 @@ INLINED ball_t ball_at(const global sphere_block_t *blocks, const int sphere_ind
 #define LOST_BY_UNDERFLOW 0x1p-120f
 
 // A sphere's index is WIDTH * block + lane.
-INLINED void intersect_sphere_block(
+INLINED void intersect_spheres(
     const global sphere_block_t *blocks, const int block, const ray_t *ray, const axis_permutation_t *permutation,
     search_t *search, const int query)
 {
     // As in shear_origin.
     const global sphere_block_t *spheres = blocks + block;
+    COUNT(search, prim_tests, count_prims(spheres->prim_id));
     const lanes_t z = permutation->origin.z - load_lanes(spheres->centre[permutation->axes[2]]);
     const lanes_t x = permutation->origin.x - load_lanes(spheres->centre[permutation->axes[0]]) - ray->shear.x * z;
     const lanes_t y = permutation->origin.y - load_lanes(spheres->centre[permutation->axes[1]]) - ray->shear.y * z;
@@ -61,4 +65,15 @@ INLINED void intersect_sphere_block(
         intersect_sheared_origin(
             origin, spheres->radius[lane], spheres->prim_id[lane], WIDTH * block + lane, ray, search, query);
     } while (left != 0);
+}
+
+// Lanes without a sphere are NaN.
+INLINED void test_spheres(nearest_t *nearest, const global sphere_block_t *spheres)
+{
+    const distances_t squared = {
+        distance_squared_to_sphere(nearest, load_points(spheres->centre), load_lanes(spheres->radius))};
+    for (uint near = mask_bits(squared.lanes <= nearest->distance_squared); near != 0; near &= near - 1) {
+        const int lane = lowest_bit(near);
+        add_distance(nearest, squared.of_lane[lane], INFINITY, spheres->prim_id[lane]);
+    }
 }

@@ -1,5 +1,8 @@
 // Single spheres, in the layouts whose blocks are one primitive.
 
+#include "nearest/point_triangle.cl"
+#include "nearest/search.cl"
+#include "spheres/distance.cl"
 #include "spheres/sphere.cl"
 
 typedef sphere_t sphere_block_t;
@@ -16,4 +19,10 @@ INLINED void intersect_sphere(
     const global sphere_block_t *sphere = spheres + sphere_index;
     intersect_sheared_origin(
         shear_origin(load3(sphere->centre), ray), sphere->radius, sphere->prim_id, sphere_index, ray, search, query);
+}
+
+INLINED void test_sphere(nearest_t *nearest, const global sphere_block_t *sphere)
+{
+    const point_t centre = {sphere->centre[0], sphere->centre[1], sphere->centre[2]};
+    add_distance(nearest, distance_squared_to_sphere(nearest, centre, sphere->radius), INFINITY, sphere->prim_id);
 }

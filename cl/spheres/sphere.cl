@@ -89,7 +89,7 @@ INLINED bool find_chord(const float3 sheared, const float radius, const ray_t *r
 APART bool find_exact_chord(const ray_t *ray, const int prim_id, double *t_in, double *t_out)
 {
     const global exact_instance_t *instance = ray->exact.instance;
-    const global double *sphere = ray->exact.shapes.spheres + 4 * (instance->first_sphere + prim_id);
+    const global double *sphere = ray->exact.shapes.solids + instance->first_solid + 4 * (long)prim_id;
     const double3 start =
         transform_exactly(instance->to_object, ray->exact.origin - load_double3(instance->centre));
     const double3 direction = transform_exactly(instance->to_object, ray->exact.direction);

@@ -1,7 +1,7 @@
 // The `brute` layout: no tree, every primitive is tested against every ray. The baseline of the study, for small
 // meshes.
 
-#include "traversal/single.cl"
+#include "prims/single.cl"
 
 // The type of `nodes`, which are not read.
 typedef bvh2_node_t node_t;

@@ -4,7 +4,7 @@
 // named by its slot, 2 * node + child, which is also the stack entry.
 
 #include "boxes/aabb.cl"
-#include "traversal/single.cl"
+#include "prims/single.cl"
 
 typedef bvh2_node_t node_t;
 

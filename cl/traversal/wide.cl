@@ -3,30 +3,9 @@
 // Assumes STACK_SIZE >= the most children on the stack at once, at least 1; the host compiles it in for the tree at
 // hand. A stack entry keeps t_near of the child's box: a popped child beyond the nearest hit is skipped without a test.
 
-#include "triangles/block.cl"
 #include "boxes/slabs.cl"
-#if HAS_SPHERES
-#include "spheres/block.cl"
-#endif
-
-// The test of a leaf's primitives. HAS_SPHERES: see hits/search.cl.
-INLINED void intersect_leaf(
-    const global block_t *blocks, const int leaf, const ray_t *ray, const axis_permutation_t *permutation,
-    search_t *search, const int query)
-{
-    COUNT(search, leaf_visits, 1);
-#if HAS_SPHERES
-    if (search->kind == KIND_SPHERES) {
-        COUNT(search, prim_tests, count_prims(((const global sphere_block_t *)blocks)[leaf].prim_id));
-        intersect_sphere_block((const global sphere_block_t *)blocks, leaf, ray, permutation, search, query);
-        return;
-    }
-#endif
-    for (int block = leaf; block != NO_BLOCK; block = next_block(leaf_at(blocks, block), block)) {
-        COUNT(search, prim_tests, triangles_in(leaf_at(blocks, block)));
-        intersect_block(blocks, block, ray, permutation, search, query);
-    }
-}
+#include "prims/leaf.cl"
+#include "triangles/block.cl"
 
 // A stack entry: a key in the upper half, the node's `child` in the lower one. The key is t_near of the child's box, or
 // its distance from a point; it is never negative, so its bits as an integer keep its order, and stack entries are

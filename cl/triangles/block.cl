@@ -6,6 +6,8 @@
 
 // keep: leaves of one layout
 #include "math/lanes.cl"
+#include "nearest/point_triangle.cl"
+#include "nearest/search.cl"
 #include "triangles/triangle.cl"
 
 // A leaf has no more blocks.
@@ -166,3 +168,42 @@ INLINED void intersect_block(
 }
 
 #endif
+
+// Tests all blocks of a leaf.
+INLINED void intersect_triangles(
+    const global block_t *blocks, const int leaf, const ray_t *ray, const axis_permutation_t *permutation,
+    search_t *search, const int query)
+{
+    for (int block = leaf; block != NO_BLOCK; block = next_block(leaf_at(blocks, block), block)) {
+        COUNT(search, prim_tests, triangles_in(leaf_at(blocks, block)));
+        intersect_block(blocks, block, ray, permutation, search, query);
+    }
+}
+
+// One corner of each triangle in the coordinates whose zero is the point.
+INLINED point_t place_corners(const nearest_t *nearest, const leaf_t leaf, const int corner)
+{
+    return place_point(
+        &nearest->metric, load_row(leaf, corner, 0), load_row(leaf, corner, 1), load_row(leaf, corner, 2));
+}
+
+// Degenerate triangles are NaN, which is never near.
+INLINED void test_block(nearest_t *nearest, const leaf_t leaf)
+{
+    distances_t upper;
+    const distances_t squared = {squared_to_triangle(
+        &nearest->metric, place_corners(nearest, leaf, 0), place_corners(nearest, leaf, 1),
+        place_corners(nearest, leaf, 2), &upper.lanes)};
+    uint near = mask_bits(squared.lanes <= nearest->distance_squared) & lanes_in(leaf);
+    for (; near != 0; near &= near - 1) {
+        const int lane = lowest_bit(near);
+        add_distance(nearest, squared.of_lane[lane], upper.of_lane[lane], prim_id_of(leaf, lane));
+    }
+}
+
+INLINED void test_triangles(nearest_t *nearest, const global block_t *blocks, const int leaf)
+{
+    for (int block = leaf; block != NO_BLOCK; block = next_block(leaf_at(blocks, block), block)) {
+        test_block(nearest, leaf_at(blocks, block));
+    }
+}

@@ -50,14 +50,13 @@ INLINED bool is_in_shape(
     const global node_t *nodes, const global block_t *blocks, const int block_count, const int kind, const ray_t *ray,
     const global uint *surplus)
 {
-#if HAS_SPHERES
-    if (kind == KIND_SPHERES) {
-        nearest_t nearest = make_nearest(make_lone_metric(ray->origin), KIND_BALLS);
+    if (!IS_TRIANGLES(kind)) {
+        nearest_t nearest = make_nearest(make_lone_metric(ray->origin), kind);
+        nearest.is_of_inside = true;
         nearest.distance = nearest.distance_squared = 0.0f;
         find_nearest(nodes, blocks, block_count, &nearest);
         return nearest.prim_id != NO_PRIM;
     }
-#endif
     search_t search = make_search(1, 0);
     search.surplus = surplus;
     traverse(nodes, nodes, blocks, block_count, ray, &search, QUERY_PARITY);
@@ -77,7 +76,7 @@ INLINED bool is_in_instance(
     const ray_t ray = make_counting_ray(
         world, point, instance->instance_id, transform_vector(instance->to_object, -way));
     return is_in_shape(
-        world->nodes + instance->first_node, find_blocks(instance, world->blocks, world->spheres),
+        world->nodes + instance->first_node, find_blocks(instance, world->blocks),
         instance->block_count, instance->kind, &ray, find_surplus(surplus, instance->instance_id));
 }
 
@@ -100,7 +99,7 @@ INLINED bool is_in_world(const world_t *world, const surplus_t *surplus, const p
 #if LONE
     const ray_t ray = make_counting_ray(world, point, 0, point->position);
     return point->mask != 0
-        && is_in_shape(world->nodes, world->blocks, world->block_count, LONE_KIND, &ray, surplus->bits);
+        && is_in_shape(world->nodes, world->blocks.own, world->block_count, ONLY_KIND, &ray, surplus->bits);
 #else
     instance_walk_t walk;
     begin_walk(&walk, world->top_nodes, point->position);

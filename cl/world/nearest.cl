@@ -41,7 +41,7 @@ INLINED void visit_instance_near(
     nearest.kept = best->kept;
     limit_distance(&nearest, best->distance);
     find_nearest(
-        world->nodes + instance->first_node, find_blocks(instance, world->blocks, world->spheres),
+        world->nodes + instance->first_node, find_blocks(instance, world->blocks),
         instance->block_count, &nearest);
     if (best->kept.heap) {
         best->kept = nearest.kept;
@@ -89,9 +89,9 @@ INLINED world_nearest_t find_world_nearest(
     if (point->mask == 0) {
         return best;
     }
-    nearest_t nearest = make_nearest(make_lone_metric(point->position), LONE_KIND);
+    nearest_t nearest = make_nearest(make_lone_metric(point->position), ONLY_KIND);
     nearest.kept = heap;
-    find_nearest(world->nodes, world->blocks, world->block_count, &nearest);
+    find_nearest(world->nodes, world->blocks.own, world->block_count, &nearest);
     best.prim.prim_id = nearest.prim_id;
     best.prim.instance_id = nearest.prim_id == NO_PRIM ? NO_PRIM : 0;
     best.kept = nearest.kept;

@@ -1,11 +1,9 @@
 // The surface that a ray of a picture has met, in the world's local coordinates.
 
 // keep: files that both branches need are expanded before them
+#include "prims/surface.cl"
 #include "shading/surface.cl"
 #include "world/world.cl"
-#if HAS_SPHERES
-#include "spheres/surface.cl"
-#endif
 #if !LONE
 #include "instances/surface.cl"
 #endif
@@ -37,44 +35,24 @@ typedef struct {
     int prim_id;
     float u;
     float v;
-#if HAS_SPHERES
-    float sphere_radius;  // 0 for a triangle
-#endif
+    float sphere_radius;  // 0 for a primitive that is no sphere
 } world_surface_t;
 
 #if LONE
 
-INLINED bool is_sphere(const world_t *world, const search_t *search)
+// The kind of the primitive that was hit.
+INLINED int hit_kind(const world_t *world, const search_t *search)
 {
-    return HAS_SPHERES;
+    return ONLY_KIND;
 }
 
 CALLED world_surface_t world_surface_at(const world_t *world, const world_ray_t *ray, const search_t *search)
 {
-#if HAS_SPHERES
-    const ball_t ball = ball_at((const global sphere_block_t *)world->blocks, search->nearest.triangle_index);
-#if EXACT
-    const ray_t rounded = rounded_ray(ray);
-    const surface_t own = sphere_surface_at(&ball, search->nearest.u > 0.0f, &rounded);
-#else
-    const surface_t own = sphere_surface_at(&ball, search->nearest.u > 0.0f, ray);
-#endif
-#else
-    const corners_t corners = corners_at(world->blocks, search->nearest.triangle_index);
-#if EXACT
-    const corners_t edges = exact_edges(&world->shapes, 0, search->nearest.prim_id);
-#else
-    const corners_t edges = corners;
-#endif
-    const surface_t tight = surface_at(&corners, &edges, &search->nearest, ray->direction);
-    const surface_t own = with_even_error(&tight);
-#endif
-    world_surface_t surface = {
+    float radius;
+    const surface_t own = prim_surface_at(world, 0, 0, ray, &search->nearest, &radius);
+    const world_surface_t surface = {
         own.position, {point_above(&own), (float3)(0.0f)}, {point_below(&own), (float3)(0.0f)}, own.normal,
-        own.is_back, 0, search->nearest.prim_id, search->nearest.u, search->nearest.v};
-#if HAS_SPHERES
-    surface.sphere_radius = ball.radius;
-#endif
+        own.is_back, 0, search->nearest.prim_id, search->nearest.u, search->nearest.v, radius};
     return surface;
 }
 
@@ -97,34 +75,30 @@ INLINED float3 place_vector(const world_t *world, const search_t *search, const 
 // The corners of the triangle that was hit, in its shape's local coordinates.
 INLINED corners_t hit_corners(const world_t *world, const search_t *search)
 {
-    return corners_at(world->blocks, search->nearest.triangle_index);
+    return corners_at(world->blocks.own, search->nearest.triangle_index);
 }
 
 #else
 
-INLINED bool is_sphere(const world_t *world, const search_t *search)
+INLINED int hit_kind(const world_t *world, const search_t *search)
 {
-#if HAS_SPHERES
-    return world->instances[search->instance_index].kind == KIND_SPHERES;
-#else
-    return false;
-#endif
+    return world->instances[search->instance_index].kind;
 }
 
 CALLED world_surface_t world_surface_at(const world_t *world, const world_ray_t *ray, const search_t *search)
 {
-#if EXACT
-    world_ray_t own = *ray;
-    own.shapes = world->shapes;
-    ray = &own;
-#endif
-    const instance_surface_t placed = instance_surface_at(world->instances, world->blocks, world->spheres, ray, search);
-    world_surface_t surface = {
+    const global instance_t *instance = world->instances + search->instance_index;
+    float radius;
+    const surface_t own = prim_surface_at(world, instance, search->instance_id, ray, &search->nearest, &radius);
+    const instance_surface_t placed = place_surface(instance, &own);
+    if (radius > 0.0f) {
+        // Of a sphere that its instance does not stretch.
+        const float3 scale = load3(instance->to_world[0]);
+        radius *= square_root(dot_product(scale, scale));
+    }
+    const world_surface_t surface = {
         placed.above, {placed.above, placed.above_low}, {placed.below, placed.below_low}, placed.normal,
-        placed.is_back, search->instance_id, search->nearest.prim_id, search->nearest.u, search->nearest.v};
-#if HAS_SPHERES
-    surface.sphere_radius = placed.radius;
-#endif
+        placed.is_back, search->instance_id, search->nearest.prim_id, search->nearest.u, search->nearest.v, radius};
     return surface;
 }
 
@@ -149,7 +123,7 @@ INLINED float3 place_vector(const world_t *world, const search_t *search, const 
 INLINED corners_t hit_corners(const world_t *world, const search_t *search)
 {
     const global instance_t *instance = world->instances + search->instance_index;
-    return corners_at(find_blocks(instance, world->blocks, world->spheres), search->nearest.triangle_index);
+    return corners_at(find_blocks(instance, world->blocks), search->nearest.triangle_index);
 }
 
 #endif

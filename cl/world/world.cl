@@ -11,13 +11,14 @@
 // spheres[]                float: the blocks of the shapes that are spheres; those of a lone shape are `blocks`
 //
 // LONE, 1 unless the host defines it as 0: there is one shape, in its own place, and its local coordinates are the
-// world's. HAS_SPHERES, if defined as 1: shapes may be spheres; a lone shape is.
+// world's. KINDS: a bit for each kind of primitives that there may be; of a lone shape the one of its own.
 
 // keep: files that both branches need are expanded before them
 #include "boxes/aabb.cl"
 #include "math/pairs.cl"
 #include "math/vectors.cl"
 #include "instances/instance.cl"
+#include "prims/blocks.cl"
 #include "traversal/entry_point.cl"
 #if !LONE
 #include "instances/start.cl"
@@ -29,15 +30,15 @@
     const global bvh2_node_t *restrict top_nodes, const global instance_t *restrict instances, \
     const global float *restrict spheres, const global exact_instance_t *restrict exact_instances, \
     const global exact_real_t *restrict exact_vertices, const global int *restrict exact_faces, \
-    const global exact_real_t *restrict exact_spheres
+    const global exact_real_t *restrict exact_solids
 
 // The initializer of a world_t from these arguments, and from where its rays begin.
 #if EXACT
 #define WORLD(start) \
-    {(start), nodes, blocks, block_count, top_nodes, instances, spheres, \
-     {exact_instances, exact_vertices, exact_faces, exact_spheres}}
+    {(start), nodes, {blocks, spheres}, block_count, top_nodes, instances, \
+     {exact_instances, exact_vertices, exact_faces, exact_solids}}
 #else
-#define WORLD(start) {(start), nodes, blocks, block_count, top_nodes, instances, spheres}
+#define WORLD(start) {(start), nodes, {blocks, spheres}, block_count, top_nodes, instances}
 #endif
 
 // The mask of rays that see all instances but those that no ray sees.
@@ -53,11 +54,10 @@ typedef instance_start_t start_t;
 typedef struct {
     start_t start;
     const global node_t *nodes;
-    const global block_t *blocks;
+    kind_blocks_t blocks;
     int block_count;
     const global bvh2_node_t *top_nodes;
     const global instance_t *instances;
-    const global float *spheres;
 #if EXACT
     exact_shapes_t shapes;
 #endif
@@ -133,9 +133,9 @@ INLINED void traverse_world(
     world_ray_t own = *ray;
     own.shapes = world->shapes;
     const ray_t inside = enter_exactly(&own, 0, ray->t_max);
-    traverse(world->nodes, start, world->blocks, world->block_count, &inside, search, query);
+    traverse(world->nodes, start, world->blocks.own, world->block_count, &inside, search, query);
 #else
-    traverse(world->nodes, start, world->blocks, world->block_count, ray, search, query);
+    traverse(world->nodes, start, world->blocks.own, world->block_count, ray, search, query);
 #endif
 }
 
@@ -166,7 +166,7 @@ INLINED void traverse_world(
     ray = &own;
 #endif
     traverse_instances(
-        world->top_nodes, world->instances, world->nodes, world->blocks, world->spheres,
+        world->top_nodes, world->instances, world->nodes, world->blocks,
         at_start ? world->start : start_at_root(), ray, search, query);
 }
 

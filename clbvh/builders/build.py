@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 from ..bvh import Bvh
 from ..errors import ConfigError, MeshError
 from ..geometry import MeshLike, Shape, Spheres, as_mesh
-from ..geometry.corners import Bounded, Boxes
+from ..geometry.corners import Boxes
 from ..geometry.joined_shapes import batch_small
+from ..geometry.spheres import Bounded
 from ..support.host_threads import usable_cores
 from ..support.memory import check_memory
 from .executor import Executor, ThreadExecutor

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..device.host.loops import Loops
 from ..geometry import Mesh, Shape
-from ..geometry.corners import Bounded
+from ..geometry.spheres import Bounded
 from ..support.stopwatch import Stopwatch
 from .refit import fit_nodes
 from .serialize import read_tree, write_tree

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..device.host.loops import Loops
-from ..geometry.corners import Bounded, find_corners
+from ..geometry.spheres import Bounded
 from ..structs import NODE
 
 _LOOPS = Loops("bvh/nodes")
@@ -38,5 +38,5 @@ def fit_nodes(
     nodes = np.empty(len(first), NODE)
     # A field of structs is not contiguous, but its first item is.
     stride = first.strides[0] // first.itemsize
-    _LOOPS.fit_nodes(first[:1], count[:1], stride, prim_ids, *find_corners(shape), nodes)
+    _LOOPS.fit_nodes(first[:1], count[:1], stride, prim_ids, *shape.find_corners(), nodes)
     return nodes

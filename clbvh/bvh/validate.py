@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ValidationError
-from ..geometry.corners import Corners, find_corners
+from ..geometry.corners import Corners
 from ..structs import NODE
 from .bvh import Bvh
 from .links import check_links, refuse_nodes
@@ -43,7 +43,7 @@ def validate_tree(bvh: Bvh, *, max_depth: int | None = None, max_leaf_size: int 
     Traceback (most recent call last):
     clbvh.errors.ValidationError: ...
     """
-    nodes, prim_ids, corners = bvh.nodes, bvh.prim_ids, find_corners(bvh.shape)
+    nodes, prim_ids, corners = bvh.nodes, bvh.prim_ids, bvh.shape.find_corners()
     if nodes.dtype != NODE or prim_ids.dtype != np.int32:
         raise ValidationError(f"the tree's arrays have the wrong dtypes: {nodes.dtype}, {prim_ids.dtype}")
     first, count = nodes["first"].astype(np.int64), nodes["count"].astype(np.int64)

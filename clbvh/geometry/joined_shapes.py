@@ -11,8 +11,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from .corners import Bounded, find_corners
 from .mesh import Mesh
+from .spheres import Bounded
 
 # Of a small shape. The calls for one take 0.1 ms, a tree over this many triangles and its arrays 0.9.
 MOST_PRIMS = 1 << 12
@@ -45,7 +45,7 @@ class JoinedCorners(NamedTuple):
     @classmethod
     def of(cls, shapes: Sequence[Bounded]) -> Self:
         """Join the corners of shapes."""
-        points, ids = zip(*map(find_corners, shapes), strict=True)
+        points, ids = zip(*(shape.find_corners() for shape in shapes), strict=True)
         return cls(np.concatenate(points), np.concatenate(ids), first_rows(points), first_rows(ids))
 
 

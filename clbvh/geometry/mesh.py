@@ -18,10 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..device.host.loops import Loops
 from ..errors import MeshError
+from ..kinds import TRIANGLES, Kind
 from ..support.memory import check_memory
 from .appearance.appearance import Appearance, check_fit
 from .arrays import as_array, check_numbers, copy_as_float64
 from .coincident import Coincidence, find_coincidence
+from .corners import Corners
 from .local_frame import LocalFrame, find_bounds, shift_and_scale
 from .scales import Frame, find_mesh_frame, move_frame
 from .topology import NORMALS, CornerFaces, find_corner_faces, find_points, find_vertex_normals, is_closed
@@ -219,9 +221,18 @@ class Mesh(LocalFrame):
         return len(self.faces)
 
     @property
+    def kind(self) -> Kind:
+        """Of its primitives: triangles."""
+        return TRIANGLES
+
+    @property
     def prim_count(self) -> int:
         """Number of primitives: its triangles."""
         return len(self.faces)
+
+    def find_corners(self) -> Corners:
+        """Return the local vertices and the faces."""
+        return Corners(self.local_vertices, self.faces)
 
     @cached_property
     def local_box(self) -> NDArray[np.float32]:

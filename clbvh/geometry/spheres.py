@@ -15,12 +15,15 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..device.host.loops import Loops
 from ..errors import MeshError
+from ..kinds import SPHERES, Kind
 from ..support.memory import check_memory
 from .appearance.appearance import Appearance, check_fit, make_unchecked
 from .appearance.material import Material
 from .arrays import as_array, check_numbers, copy_as_float64
 from .coincident import NO_COINCIDENCE, Coincidence
+from .corners import Boxes, Corners, corners_of_boxes
 from .local_frame import LocalFrame, find_bounds, find_frame, shift_and_scale
 from .mesh import MAX_FACE_COUNT, Mesh
 from .point_spacing import find_point_radius
@@ -37,6 +40,8 @@ _ROOM = 1.0 + 2.0**-16
 
 # The least local radius. A smaller one would be rounded to zero by devices that have no numbers below the normal ones.
 _LEAST_LOCAL_RADIUS = np.finfo(np.float32).tiny
+
+_LOOPS = Loops("geometry/boxes")
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -238,6 +243,11 @@ class Spheres(LocalFrame):
         return moved
 
     @property
+    def kind(self) -> Kind:
+        """Of its primitives: spheres."""
+        return SPHERES
+
+    @property
     def prim_count(self) -> int:
         """Number of primitives: the spheres."""
         return len(self.radii)
@@ -261,6 +271,15 @@ class Spheres(LocalFrame):
     def local_box(self) -> NDArray[np.float32]:
         """(2, 3) float32: the least and the greatest local coordinates of the spheres, rounded."""
         return np.stack(_bound(self.local_centres, self.local_radii)).astype(np.float32)
+
+    def find_corners(self) -> Corners:
+        """Return two opposite corners of the box around each sphere.
+
+        Notes
+        -----
+        O(n), in this thread: about 20 ms for 1,000,000 spheres, 36 bytes each.
+        """
+        return corners_of_boxes(bound_spheres(self))
 
     @cached_property
     def fingerprint(self) -> bytes:
@@ -329,8 +348,26 @@ def _find_frame(
         return find_frame(lower, upper, name, subject="the group of spheres is", least_half=half * _ROOM)
 
 
+def bound_spheres(spheres: Spheres) -> NDArray[np.float32]:
+    """Return the boxes of spheres, (n, 2, 3) float32, in local coordinates.
+
+    Each contains the local sphere and a margin of 2^-18 of its radius; no coordinate is beyond -1 or 1.
+    """
+    corners = np.empty((spheres.prim_count, 2, 3), np.float32)
+    _LOOPS.bound_spheres(spheres.local_centres, spheres.local_radii, corners)
+    return corners
+
+
 Shape: TypeAlias = Mesh | Spheres
-"""The shape of a geometry: a triangle mesh, or spheres. Both have `prim_count`, `origin`, `scale` and `fingerprint`."""
+"""The shape of a geometry: a mesh, or spheres. Both have `kind`, `prim_count`, `origin`, `scale` and `fingerprint`."""
+
+Bounded: TypeAlias = Shape | Boxes
+"""A shape that a tree can be over. All have `prim_count`, `origin`, `scale`, `name`, `local_box` and `find_corners`."""
+
+
+def find_numbers(shape: Shape, prefix: str = "") -> dict[str, NDArray[Any]]:
+    """Return the arrays that have the primitives of a shape, see `Kind.numbers`; with the prefix ``local_`` those."""
+    return {name: getattr(shape, prefix + name) for name in shape.kind.numbers}
 
 
 _Shape = TypeVar("_Shape", Mesh, Spheres)

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ..bvh.bvh import Bvh
 from ..device.host.loops import Loops
 from ..geometry import Mesh, Shape
-from ..geometry.corners import Bounded
 from ..geometry.joined_shapes import batch_small
+from ..geometry.spheres import Bounded
 from ..support.host_threads import HostThreads
 from ..tree_layouts import BVH2_NODE, LAYOUTS
 from .leaf_blocks import LeafBlocks
@@ -89,11 +89,6 @@ def _of_wide(shape: Shape, tree: WideTree, layout: str, threads: HostThreads) ->
 def has_shared_blocks(shape: Bounded, layout: str) -> TypeGuard[Mesh]:
     """Return whether the blocks of a tree are `SharedBlocks`: of a mesh in the layout `bvh8c`."""
     return LAYOUTS[layout].shares_vertices and isinstance(shape, Mesh)
-
-
-def item_struct(shape: Bounded, layout: str) -> np.dtype:
-    """Return the struct that the blocks of a tree consist of, or of the primitives without a tree."""
-    return LAYOUTS[layout].triangles if isinstance(shape, Mesh) else LAYOUTS[layout].spheres
 
 
 def list_prims(shape: Shape) -> DeviceArrays:

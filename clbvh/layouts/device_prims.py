@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..device.session import DeviceSession, ReusableBuffer
-from ..geometry import Mesh, Spheres
-from ..geometry.corners import Bounded, find_corners
+from ..geometry import Mesh, Shape
+from ..geometry.spheres import find_numbers
 from .device_mesh import DeviceMesh
-from .leaf_blocks import block_struct
+from .leaf_blocks import SOURCES, make_block_defines
 
 _WORK_GROUP = (64,)
 
@@ -28,20 +28,19 @@ class DevicePrims:
         Owns the buffers.
     session : DeviceSession
         The owner, or a branch of it for this thread.
-    shape : Mesh, Spheres or Boxes
+    shape : Mesh or Spheres
 
     Attributes
     ----------
     points : buffer of (m, 3) float32
     corners : buffer of (n, 3) int32
         See `geometry.corners.Corners`.
-    shape : Mesh, Spheres or Boxes
+    shape : Mesh or Spheres
         The one that was put last.
     """
 
-    def __init__(self, owner: DeviceSession, session: DeviceSession, shape: Bounded) -> None:
-        names = ("points", "corners", "centres", "radii", "degenerate")
-        self._buffers = {name: ReusableBuffer(owner) for name in names}
+    def __init__(self, owner: DeviceSession, session: DeviceSession, shape: Shape) -> None:
+        self._buffers = {name: ReusableBuffer(owner) for name in SOURCES}
         self.put(session, shape)
 
     @property
@@ -49,7 +48,7 @@ class DevicePrims:
         """Bytes of its buffers."""
         return sum(buffer.size for buffer in self._buffers.values())
 
-    def put(self, session: DeviceSession, shape: Bounded) -> None:
+    def put(self, session: DeviceSession, shape: Shape) -> None:
         """Put a shape into the buffers; the corners of a mesh, its faces, are there already after the first."""
         points = None
         ids: Any = getattr(self, "corners", None) if isinstance(shape, Mesh) else None
@@ -58,16 +57,15 @@ class DevicePrims:
             points = shape.buffer_on(session, "local_vertices")
             ids = ids or shape.buffer_on(session, "faces")
         if points is None or ids is None:
-            corners = find_corners(shape)
+            corners = shape.find_corners()
             points = points or self._write(session, "points", corners.points)
             ids = ids or self._write(session, "corners", corners.ids)
         self.points, self.corners = points, ids
-        self._sources: dict[str, Any] = dict.fromkeys(("centres", "radii", "degenerate"))
-        if isinstance(shape, Spheres):
-            self._sources["centres"] = self._write(session, "centres", shape.local_centres)
-            self._sources["radii"] = self._write(session, "radii", shape.local_radii)
-        elif isinstance(shape, Mesh) and not self._finds_degenerate(session, shape):
-            self._sources["degenerate"] = self._write(session, "degenerate", shape.degenerate_faces.view(np.uint8))
+        own = find_numbers(shape, "local_")
+        if isinstance(shape, Mesh) and (shape.spans_scales or not session.info.has_fp64):
+            own["degenerate"] = shape.degenerate_faces.view(np.uint8)
+        self._sources = dict.fromkeys(SOURCES) | {"points": self.points, "corners": self.corners}
+        self._sources |= {name: self._write(session, name, array) for name, array in own.items()}
         self.shape = shape
 
     def write_blocks(
@@ -96,18 +94,10 @@ class DevicePrims:
         boxes : buffer of (block_count, 8) float32, optional, written
             Rows of the lower corner, a number that means nothing, the upper corner, and another such number.
         """
-        is_spheres = isinstance(self.shape, Spheres)
-        defines = {
-            "BLOCK_WIDTH": block_width,
-            "HAS_SPHERES": int(is_spheres),
-            "HAS_FP64": int(not is_spheres and self._finds_degenerate(session, self.shape)),
-        }
         session.run(
-            session.kernel("write_blocks", defines),
+            session.kernel("write_blocks", make_block_defines(self.shape.kind, block_width, self._sources)),
             (block_count,),
             _WORK_GROUP,
-            points=self.points,
-            corners=self.corners,
             **self._sources,
             prims=prims,
             blocks=blocks,
@@ -116,14 +106,9 @@ class DevicePrims:
             first_block=np.int32(first_block),
         )
 
-    @staticmethod
-    def _finds_degenerate(session: DeviceSession, shape: Bounded) -> bool:
-        """Return whether the device finds degenerate triangles: it has the local vertices alone."""
-        return session.info.has_fp64 and not (isinstance(shape, Mesh) and shape.spans_scales)
-
     def make_blocks(self, session: DeviceSession, block_width: int, prims: Any, block_count: int) -> Any:
         """Return a new buffer of the blocks."""
-        blocks = session.allocate(block_count * block_struct(self.shape, block_width).itemsize)
+        blocks = session.allocate(block_count * self.shape.kind.block(block_width).itemsize)
         self.write_blocks(session, block_width, prims, block_count, blocks)
         return blocks
 

@@ -5,6 +5,7 @@ A primitive of `bvh2` is a block of one lane; the wide layouts have blocks of fo
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -13,9 +14,9 @@ from numpy.typing import NDArray
 
 from ..device.host.library import HostKernel, open_library
 from ..geometry import Mesh, Shape
-from ..geometry.corners import Bounded
+from ..geometry.spheres import find_numbers
+from ..kinds import KINDS, TRIANGLES, Kind
 from ..support.host_threads import HostThreads
-from ..tree_layouts import sphere_block, triangle_block
 
 # Least blocks of a thread's range: each takes 0.3 us.
 _LEAST_BLOCKS = 1 << 10
@@ -24,9 +25,8 @@ _LEAST_BLOCKS = 1 << 10
 _GROUP_SIZE = 64
 
 
-def block_struct(shape: Bounded, width: int) -> np.dtype:
-    """Return the struct of a block of `width` primitives of a shape."""
-    return triangle_block(width) if isinstance(shape, Mesh) else sphere_block(width)
+# What the kernel reads of a shape of any kind.
+SOURCES = ("points", "corners", "degenerate", *(name for kind in KINDS.values() for name in kind.numbers))
 
 
 class LeafBlocks(NamedTuple):
@@ -47,7 +47,7 @@ class LeafBlocks(NamedTuple):
     @property
     def struct(self) -> np.dtype:
         """Of a block."""
-        return block_struct(self.shape, self.prims.shape[1])
+        return self.shape.kind.block(self.prims.shape[1])
 
     @property
     def item_count(self) -> int:
@@ -56,15 +56,13 @@ class LeafBlocks(NamedTuple):
 
     def write(self, items: NDArray[np.void], threads: HostThreads) -> None:
         """Write the blocks into (G,) structs, by the kernel that writes those of a device."""
-        shape, is_mesh = self.shape, isinstance(self.shape, Mesh)
-        sources: dict[str, Any] = dict.fromkeys(("points", "corners", "centres", "radii", "degenerate", "boxes"))
+        shape = self.shape
+        sources: dict[str, Any] = dict.fromkeys((*SOURCES, "boxes")) | find_numbers(shape, "local_")
         if isinstance(shape, Mesh):
             sources |= {"points": shape.local_vertices, "corners": shape.faces}
             if shape.spans_scales:
                 sources["degenerate"] = shape.degenerate_faces
-        else:
-            sources |= {"centres": shape.local_centres, "radii": shape.local_radii}
-        kernel = _find_kernel(self.prims.shape[1], is_mesh, is_mesh and sources["degenerate"] is None)
+        kernel = _find_kernel(*make_block_defines(shape.kind, self.prims.shape[1], sources).items())
         group_count = -(-len(items) // _GROUP_SIZE)
         launch = kernel.bind(
             (group_count, 1, _GROUP_SIZE, 1),
@@ -75,7 +73,12 @@ class LeafBlocks(NamedTuple):
         )
 
 
+def make_block_defines(kind: Kind, width: int, sources: Mapping[str, Any]) -> dict[str, int]:
+    """Return the macros of the kernel: degenerate triangles that nobody tells are found in float64."""
+    has_fp64 = kind is TRIANGLES and sources["degenerate"] is None
+    return {"BLOCK_WIDTH": width, "KINDS": kind.bit, "HAS_FP64": int(has_fp64)}
+
+
 @cache
-def _find_kernel(width: int, is_mesh: bool, finds_degenerate: bool) -> HostKernel:
-    macros = {"BLOCK_WIDTH": width, "HAS_SPHERES": int(not is_mesh), "HAS_FP64": int(finds_degenerate)}
-    return open_library().kernels("write_blocks", macros)["write_blocks"]
+def _find_kernel(*defines: tuple[str, int]) -> HostKernel:
+    return open_library().kernels("write_blocks", dict(defines))["write_blocks"]

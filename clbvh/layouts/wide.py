@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..bvh.bvh import Bvh
 from ..device.host.loops import Loops
 from ..geometry import Mesh
-from ..geometry.corners import Bounded, find_corners
+from ..geometry.spheres import Bounded
 from ..structs import NODE
 from ..support.host_threads import HostThreads
 from ..tree_layouts import wide_node
@@ -177,5 +177,5 @@ def split_leaves(bvh: Bvh, leaf_size: int) -> NDArray[np.void]:
     if len(leaf_counts) == 0:
         return nodes
     grown = np.empty(len(nodes) + int((2 * (leaf_counts - 1)).sum()), NODE)
-    LOOPS.split_leaves(nodes, leaf_size, bvh.prim_ids, *find_corners(bvh.shape), grown)
+    LOOPS.split_leaves(nodes, leaf_size, bvh.prim_ids, *bvh.shape.find_corners(), grown)
     return grown

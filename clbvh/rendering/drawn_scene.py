@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..bvh import Bvh, sah_cost, validate_tree
 from ..geometry import Mesh
-from ..geometry.corners import Bounded
+from ..geometry.spheres import Bounded
 from ..scene.state import SceneState, dress_shapes
 from ..structs import MAX_DEPTH
 from ..trace.hits.surface import Surface

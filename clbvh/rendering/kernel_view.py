@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..choices import REPORT_SHADINGS, SHADINGS, TONE_CURVES
 from ..errors import SceneError
 from ..geometry.appearance.srgb import linear_to_srgb
-from ..geometry.corners import Bounded
+from ..geometry.spheres import Bounded
 from ..structs import CUTS, PROJECTIONS, VIEW
 from ..view.cameras.camera import Camera
 from ..view.cameras.lens import window_of

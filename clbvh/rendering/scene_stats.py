@@ -13,7 +13,6 @@ import numpy as np
 from ..builders.build import build_top
 from ..bvh.bvh import Bvh, sah_cost
 from ..errors import SceneError
-from ..geometry import Mesh
 from ..geometry.corners import Boxes
 from ..layouts.device_arrays import make_all_arrays
 from ..scene.state import SceneState
@@ -60,7 +59,7 @@ def measure_scene(state: SceneState, trees: Sequence[Bvh], *, traversal_cost: fl
     geometries = [
         {
             "name": name,
-            "kind": "triangles" if isinstance(shape, Mesh) else "spheres",
+            "kind": shape.kind.name,
             "prim_count": shape.prim_count,
             "instance_count": instance_count,
             **describe(bvh),

@@ -661,7 +661,7 @@ _MOST_SHOWN, _MOST_NAMES = 8, 3
 
 def _show_object(geometry: Geometry, names: list[str]) -> str:
     """Return a geometry and the names of its instances, in a line for `repr`."""
-    count, kind = geometry.shape.prim_count, "sphere" if isinstance(geometry.shape, Spheres) else "triangle"
+    count, prim = geometry.shape.prim_count, geometry.shape.kind.prim
     placed = f"placed as {', '.join(map(repr, names[:_MOST_NAMES]))}" if names else "not placed"
     more = f" and {len(names) - _MOST_NAMES:,} more" if len(names) > _MOST_NAMES else ""
-    return f"{geometry.name!r}: {count:,} {kind}{'s'[: count - 1]}, {placed}{more}"
+    return f"{geometry.name!r}: {count:,} {prim}{'s'[: count - 1]}, {placed}{more}"

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..device.info import DeviceInfo
 from ..geometry.arrays import is_device_array, wait_for
+from ..kinds import TRIANGLES
 from ..structs import FAR_RADII, NEAR_SHARE, PACKED_RAY, RAY_LOW, STEPS
 from ..support.say_once import say_once
 from .host_items import HostItems
@@ -59,7 +60,7 @@ def put_vectors(
         reason = f"the device '{session.info.name}' has no double precision"
     elif not all(each.context == session.context for each in given):
         reason = "their context is not that of the tracer, `tracer.context`"
-    elif are_refined and device.world.has_spheres:
+    elif are_refined and device.world.kinds != {TRIANGLES}:
         reason = "hits on spheres are computed there"
     if reason:
         say_once(f"rays or hits in arrays on a device go by way of the host: {reason}")

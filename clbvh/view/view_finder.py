@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import Mesh, Shape, Spheres
+from ..kinds import TRIANGLES
 from ..support.settings import Vector
 from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
@@ -247,7 +248,7 @@ def frame_without_outliers(bounds: SceneBounds) -> Framed:
     count, total = int(counts[far].sum()), int(counts.sum())
     share, verb = 100 * count / total, "is" if count == 1 else "are"
     shown = f"{share:.1f}" if share >= 0.1 else f"{share:.2g}"
-    name = "triangles" if all(isinstance(shape, Mesh) for shape in bounds.shapes) else "primitives"
+    name = "triangles" if all(shape.kind is TRIANGLES for shape in bounds.shapes) else "primitives"
     note = f"{count:,} of {total:,} {name} ({shown} %) {verb} far away from the others and {verb} left out of the frame"
     return Framed(kept, note if count else None)
 

@@ -54,7 +54,7 @@ def describe_hit(hit: Hits, state: SceneState) -> Picked | None:
         return None
     instance_id, geometry_id, prim_id = int(hit.instance_id), int(hit.geometry_id), int(hit.prim_id)
     shape, location = state.shapes[geometry_id], hit.locations
-    lines = [("face" if isinstance(shape, Mesh) else "sphere", f"{prim_id:,}")]
+    lines = [("face" if isinstance(shape, Mesh) else shape.kind.prim, f"{prim_id:,}")]
     faces = None
     if isinstance(shape, Mesh) and shape.parts:
         part = shape.parts[int(hit.part_id)]

@@ -7,8 +7,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from clbvh.kinds import TRIANGLE
 from clbvh.structs import DEVICE_STRUCTS, PACKED_RAY
-from clbvh.tree_layouts import LAYOUTS, TRIANGLE
+from clbvh.tree_layouts import LAYOUTS
 
 NUMBERS = {
     "float": np.dtype("f4"), "int": np.dtype("i4"), "uint": np.dtype("u4"), "uchar": np.dtype("u1"),

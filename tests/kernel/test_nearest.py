@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from clbvh import Spheres
-from clbvh.structs import INSTANCE, PRIM_KINDS
+from clbvh.kinds import ALL_KINDS, SPHERES
+from clbvh.structs import INSTANCE
 from clbvh.trace.world.metrics import make_metrics
 from clbvh.trace.world.surface_arrays import make_surface_arrays
 from clbvh.tree_layouts import LAYOUTS, WIDE_LAYOUTS
@@ -112,7 +113,7 @@ def test_lanes_have_the_same_bits(triangles, call, layout, portable):
     assert lanes.ravel().tobytes() == squares.tobytes()
 
 
-DEFINES = {"LONE": 0, "HAS_SPHERES": 1}
+DEFINES = {"LONE": 0, "KINDS": ALL_KINDS}
 PLACES = 4000
 
 
@@ -125,7 +126,7 @@ def test_distances_of_what_an_instance_places(call):
     maps[::2, :, 0] *= -1
     maps, centres = (maps * sizes[:, None]) @ others, generator.uniform(-1, 1, (PLACES, 3))
     instances = np.zeros(PLACES, INSTANCE)
-    instances["to_world"], instances["kind"], instances["centre"] = maps, PRIM_KINDS["spheres"], centres
+    instances["to_world"], instances["kind"], instances["centre"] = maps, SPHERES.number, centres
     instances["centre_low"] = centres - instances["centre"]
     instances["radius"] = radius = np.linalg.norm(maps, axis=(1, 2))
     away = 10.0 ** generator.uniform(-2, 3, (PLACES, 1)) * generator.normal(size=(PLACES, 3)) * radius[:, None]
@@ -152,7 +153,7 @@ def test_distances_of_what_an_instance_places(call):
         to_sphere = sqrt(distance_squared_to_sphere(&nearest, centre, radius)) / unit;
     """
     includes, outputs = (
-        "nearest/sphere.cl points/point.cl",
+        "spheres/distance.cl points/point.cl",
         "float to_box, float slack, float to_corner, float to_sphere",
     )
     found = call(includes, body, outputs,

@@ -7,7 +7,7 @@ makes room; see docs/internals/padding.md.
 import numpy as np
 import pytest
 
-from clbvh.geometry.corners import bound_spheres
+from clbvh.geometry.spheres import bound_spheres
 from clbvh.structs import HIT, NO_PRIM
 
 from ..profiles import seeds

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from clbvh.kinds import SPHERE, SPHERES
 from clbvh.structs import NO_PRIM
-from clbvh.tree_layouts import SPHERE
 
 from ..profiles import seeds
 from ..rays import as_float32
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.on_both
 COUNT = 40_000
 UNIT_ROUNDOFF = 2.0**-24
 ENTERS, LEAVES = 0, 1
-DEFINES = {"HAS_SPHERES": 1}
+DEFINES = {"KINDS": SPHERES.bit}
 
 CROSS = """
     const ray_t unpacked = unpack_ray(ray);

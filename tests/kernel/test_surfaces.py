@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from clbvh.kinds import SPHERE, SPHERES
 from clbvh.structs import INSTANCE
-from clbvh.tree_layouts import SPHERE
 
 from ..rays import as_float32
 from .programs import make_rays, make_triangles
@@ -214,7 +214,7 @@ def test_the_surface_of_a_sphere(call, size):
     outputs = "float3 position, float3 normal, float3 error, float3 above, int side, int is_hit"
     position, normal, error, above, side, is_hit = call(
         "spheres/single.cl spheres/surface.cl", body, outputs, ray=make_rays(origins, directions), sphere=spheres,
-        leaving=unit(leave(generator, normals, 1e-4)), defines={"HAS_SPHERES": 1},
+        leaving=unit(leave(generator, normals, 1e-4)), defines={"KINDS": SPHERES.bit},
     )  # fmt: skip
 
     def height_of(points):

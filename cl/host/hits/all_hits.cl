@@ -1,6 +1,5 @@
 // All hits of rays, for clbvh/trace/hits/all_hits.py: those that the device found are compacted, and refined.
 
-#define HAS_SPHERES 1
 #include "structs.cl"
 #include "hits/found.cl"
 #include "hits/locations.cl"

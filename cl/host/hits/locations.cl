@@ -7,7 +7,6 @@
 #include "hits/found.cl"
 #include "hits/locations.cl"
 #include "hits/surfaces.cl"
-#include "spheres/crossing.cl"
 
 // Writes where the points are, in world coordinates.
 loop void locate_points(
@@ -48,7 +47,10 @@ loop void find_normals(
 {
     const surfaces_t surfaces = surfaces_on_host(arrays);
     for (long hit = 0; hit < count; hit++) {
-        vstore3(find_normal(&surfaces, instance_ids[hit], prim_ids[hit], us[hit], vs[hit]), 0, normals[hit]);
+        const bool is_hit = prim_ids[hit] != NO_PRIM;
+        vstore3(
+            is_hit ? normal_at_point(&surfaces, instance_ids[hit], prim_ids[hit], us[hit], vs[hit]) : (double3)(NAN), 0,
+            normals[hit]);
     }
 }
 
@@ -59,10 +61,13 @@ loop void find_sides(
 {
     const surfaces_t surfaces = surfaces_on_host(arrays);
     for (long hit = 0; hit < count; hit++) {
-        const double3 normal = find_normal(&surfaces, instance_ids[hit], prim_ids[hit], us[hit], vs[hit]);
         const double3 direction = load_wide_row(directions[hit], 0);
         // The products of a tiny direction would underflow.
-        is_front[hit] = dot3(direction / largest_size(direction), normal) >= 0.0;
+        is_front[hit] = prim_ids[hit] != NO_PRIM
+            && dot3(
+                   direction / largest_size(direction),
+                   normal_at_point(&surfaces, instance_ids[hit], prim_ids[hit], us[hit], vs[hit]))
+                >= 0.0;
     }
 }
 

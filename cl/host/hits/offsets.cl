@@ -238,7 +238,7 @@ loop void offset_points(
         }
         const double u = us[hit], v = vs[hit], w = 1.0 - u - v;
         const int geometry = surfaces.geometry_id[instance];
-        const footing_t footing = surfaces.kind[geometry] == KIND_SPHERES
+        const footing_t footing = IS_SPHERES(surfaces.kind[geometry])
             ? stand_on_sphere(&surfaces, geometry, prim, u, v, is_front[hit])
             : stand_on_triangle(&surfaces, geometry, prim, u, v, is_front[hit]);
         const double3 point = locate_point(&surfaces, instance, prim, u, v);

@@ -1,6 +1,5 @@
 // Refines the closest hits of rays, for clbvh/trace/hits/refine.py.
 
-#define HAS_SPHERES 1
 #include "structs.cl"
 #include "hits/found.cl"
 #include "hits/refined.cl"

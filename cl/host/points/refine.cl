@@ -6,7 +6,6 @@
 // order[row_count]    the points, by their numbers
 // box[7]              of the world, see cl/rays/pack.cl
 
-#define HAS_SPHERES 1
 #include "structs.cl"
 #include "hits/found.cl"
 #include "nearest/choose.cl"

@@ -8,7 +8,7 @@ tree depend on no device: all sizes follow from the number of primitives, and ev
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from ...device.info import DeviceInfo
 from ...device.radix_sort import PAIR_BYTES, sort_pairs
 from ...device.session import DeviceSession
 from ...errors import DeviceError
-from ...geometry.corners import Bounded
+from ...geometry.spheres import Bounded, Shape
 from ...layouts.device_mesh import open_session
 from ...layouts.device_prims import DevicePrims
 from ...layouts.wide import block_price
@@ -115,7 +115,7 @@ def build_fast(shape: Bounded, options: BuildOptions, device: DeviceInfo | str |
             session.finish()
             watch.lap(phase)
 
-        tree = build_tree_on(session, DevicePrims(session, session, shape), options, ROWS, lap)
+        tree = build_tree_on(session, DevicePrims(session, session, cast(Shape, shape)), options, ROWS, lap)
         # Copied out of shared memory: 20 times as fast as a driver for CPUs fills new memory.
         with session.mapped(tree.nodes, tree.node_count, NODE, write=False) as mapped:
             nodes = mapped.copy()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...bvh import Bvh
 from ...errors import PoolError
-from ...geometry.corners import Bounded, find_corners
+from ...geometry.spheres import Bounded
 from ...structs import BOX_LANES, NODE, NODE_LANES
 from ...support.host_threads import cut_range
 from ...support.stopwatch import Stopwatch
@@ -101,7 +101,7 @@ def build_variant(variant: Variant, shape: Bounded, executor: Executor, options:
     watch = Stopwatch()
     count = shape.prim_count
     rule = Rule(variant.how, options.bins or DEFAULT_BINS, variant.leaf_size(options), variant.copies)
-    for name, array in zip(("vertices", "faces"), find_corners(shape), strict=True):
+    for name, array in zip(("vertices", "faces"), shape.find_corners(), strict=True):
         executor.share(name, array)
     prim_ids = executor.create("prim_ids", (count,), np.int32)
     prim_ids[:] = np.arange(count)

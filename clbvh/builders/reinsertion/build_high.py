@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...bvh import Bvh, sah_cost
 from ...device.host.loops import Loops
-from ...geometry.corners import Bounded, find_corners
+from ...geometry.spheres import Bounded
 from ...structs import BOX_LANES, BOX_TAG, MAX_DEPTH, NODE
 from ...support.stopwatch import Stopwatch
 from ..executor import Executor
@@ -63,7 +63,7 @@ class ExpandedTree(NamedTuple):
         """Expand the leaves of a tree."""
         count = bvh.shape.prim_count
         prim_refs = np.empty((count, BOX_LANES), np.float32)
-        fill_slice(find_corners(bvh.shape), 0, count, prim_refs)
+        fill_slice(bvh.shape.find_corners(), 0, count, prim_refs)
         tree = cls(np.zeros((2 * count, BOX_LANES), np.float32), np.zeros(count, np.int32))
         REINSERTION.expand_leaves(bvh.nodes, bvh.prim_ids, prim_refs, *tree)
         return tree

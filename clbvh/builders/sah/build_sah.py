@@ -13,7 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...bvh import Bvh
-from ...geometry.corners import Bounded, Corners, find_corners
+from ...geometry.corners import Corners
+from ...geometry.spheres import Bounded
 from ...structs import BOX_LANES, MAX_EXHAUSTIVE
 from ...support.host_threads import cut_range
 from ...support.stopwatch import Stopwatch
@@ -47,7 +48,7 @@ def build_sah(shape: Bounded, executor: Executor, options: BuildOptions) -> Bvh:
     prim_ids = executor.create("prim_ids", (count,), np.int32)
 
     # One primitive reference per primitive.
-    root = Range(0, count, 0, 0, _fill_prim_refs(find_corners(shape), executor))
+    root = Range(0, count, 0, 0, _fill_prim_refs(shape.find_corners(), executor))
     watch.lap("metadata")
 
     # All threads together, until there are enough subtrees for all workers.

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...bvh import Bvh
-from ...geometry.corners import Bounded
 from ...geometry.joined_shapes import JoinedCorners
+from ...geometry.spheres import Bounded
 from ...structs import BOX_LANES, NODE
 from ...support.host_threads import HostThreads
 from ..options import BuildOptions

@@ -12,6 +12,7 @@ from itertools import product
 from typing import NamedTuple
 
 from ...choices import REPORT_SHADINGS, SHADINGS
+from ...kinds import ALL_KINDS, KINDS, TRIANGLES
 from ...support.folders import find_folder
 from ...tree_layouts import LAYOUTS, TREE_LAYOUTS
 
@@ -71,7 +72,7 @@ class Variant(NamedTuple):
         """Return the variant of a file that serves those who ask for these macros."""
         chosen = {macro: value for macro, value in macros.items() if macro not in FIXED}
         if chosen.get("LONE") == 0:
-            chosen["HAS_SPHERES"] = 1
+            chosen["KINDS"] = ALL_KINDS
         if "LONE" in chosen:
             chosen.setdefault("EXACT", 0)
         if name in _PARTS:
@@ -105,9 +106,10 @@ def list_variants() -> list[Variant]:
 
 
 def _list_all() -> Iterator[Variant]:
+    kinds = [*((1, kind.bit) for kind in KINDS.values()), (0, ALL_KINDS)]
     worlds = [
-        {"LAYOUT": layout.number, "LONE": lone, "HAS_SPHERES": spheres, "EXACT": exact}
-        for layout, (lone, spheres), exact in product(LAYOUTS.values(), ((1, 0), (1, 1), (0, 1)), (0, 1))
+        {"LAYOUT": layout.number, "LONE": lone, "KINDS": bits, "EXACT": exact}
+        for layout, (lone, bits), exact in product(LAYOUTS.values(), kinds, (0, 1))
     ]
     with_entry_points = {layout.number for layout in LAYOUTS.values() if layout.is_wide}
     for shading, world, has_cut in product(SHADINGS, worlds, (0, 1)):
@@ -128,9 +130,8 @@ def _list_all() -> Iterator[Variant]:
             yield Variant.of("build_tree", {"TREE_WIDTH": width, "AS_ROWS": as_rows} | _UNGROUPED)
     for width, block_width in widths:
         yield Variant.of("refit_nodes", {"TREE_WIDTH": width})
-        for has_spheres, has_fp64 in ((0, 0), (0, 1), (1, 0)):
-            macros = {"BLOCK_WIDTH": block_width, "HAS_SPHERES": has_spheres, "HAS_FP64": has_fp64}
-            yield Variant.of("write_blocks", macros)
+        for kind, has_fp64 in ((TRIANGLES, 1), *((kind, 0) for kind in KINDS.values())):
+            yield Variant.of("write_blocks", {"BLOCK_WIDTH": block_width, "KINDS": kind.bit, "HAS_FP64": has_fp64})
     yield Variant.of("radix_sort", {"DIGIT_BITS": SORT_DIGIT_BITS, "GROUP_SIZE": 1})
     for value in (0, 1):
         yield Variant.of("take_mesh", {"IS_DOUBLE": value})

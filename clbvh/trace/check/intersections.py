@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...device.host.loops import Loops
 from ...geometry.mesh import Mesh
+from ...geometry.spheres import find_numbers
 from ...scene.state import SceneState
 from .instances import Instance, Tolerance, find_instances, world_radius
 
@@ -193,7 +194,7 @@ def _find_twins(world: SceneState, found: NDArray[np.void]) -> tuple[NDArray[np.
         if isinstance(shape, Mesh):
             rows = shape.local_vertices[shape.faces].reshape(-1, 9)
         else:
-            rows = np.column_stack((shape.local_centres, shape.local_radii))
+            rows = np.column_stack([*find_numbers(shape, "local_").values()])
         mine = found["geometry_id"] == geometry_id
         prims[mine] = _first_equal(rows)[found["prim_id"][mine]]
     return instances[found["instance_id"]], prims

@@ -205,10 +205,11 @@ class PairSearch(NamedTuple):
 def check_meshes(world: World, instance_ids: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return ids of instances; raise `QueryError` unless all are of meshes."""
     for instance_id in instance_ids.tolist():
-        if not isinstance(world.state.shapes[world.state.geometry_ids[instance_id]], Mesh):
+        shape = world.state.shapes[world.state.geometry_ids[instance_id]]
+        if not isinstance(shape, Mesh):
             name = world.state.instance_names[instance_id]
             raise QueryError(
-                f"the instance {name!r} is of spheres, and pairs are measured between meshes: leave it out"
+                f"the instance {name!r} is of {shape.kind.name}, and pairs are measured between meshes: leave it out"
             )
     return instance_ids
 

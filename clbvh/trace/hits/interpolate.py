@@ -144,9 +144,9 @@ def _find_geometry(key: Any, names: Sequence[str]) -> int:
 
 def _read_array(values: ArrayLike, shape: Shape, name: str) -> NDArray[Any]:
     """Return values of the vertices of a mesh, or of spheres, as an array of real numbers."""
-    is_mesh = isinstance(shape, Mesh)
-    count = len(shape.vertices) if isinstance(shape, Mesh) else shape.prim_count
-    owners = "vertices" if is_mesh else "spheres"
+    count, owners = shape.prim_count, shape.kind.name
+    if isinstance(shape, Mesh):
+        count, owners = len(shape.vertices), "vertices"
     try:
         array = np.asarray(values)
     except ValueError as error:

@@ -24,7 +24,7 @@ from .top_tree import TopTree
 # Sixteen roundings of float64: of both maps, of the inverse, and of the differences before.
 _MAP_ROUNDING = 2.0**-49
 
-NOT_EXACT: dict[str, Any] = dict.fromkeys(("exact_instances", "exact_vertices", "exact_faces", "exact_spheres"))
+NOT_EXACT: dict[str, Any] = dict.fromkeys(("exact_instances", "exact_vertices", "exact_faces", "exact_solids"))
 """The arguments of kernels that decide in float32."""
 
 
@@ -52,8 +52,8 @@ def put_exact_arrays(
         )
         return NOT_EXACT
     refined = refine.on(owner, session)
-    buffers = {"exact_vertices": refined["vertices"], "exact_faces": refined["faces"], "exact_spheres": None}
-    for name, array in (("exact_instances", make_exact_instances(arrays, top)), ("exact_spheres", arrays.spheres)):
+    buffers = {"exact_vertices": refined["vertices"], "exact_faces": refined["faces"], "exact_solids": None}
+    for name, array in (("exact_instances", make_exact_instances(arrays, top)), ("exact_solids", arrays.solids)):
         if len(array):
             buffers[name] = owner.allocate(array.nbytes, writable=False)
             session.write(buffers[name], array)
@@ -74,7 +74,7 @@ def make_exact_instances(arrays: SurfaceArrays, top: TopTree | None) -> NDArray[
     origin, own_scale = arrays.origin[geometry], arrays.scale[geometry]
     records["origin"], records["scale"] = origin, own_scale
     records["to_world"] = records["to_object"] = np.eye(3)
-    for name in ("first_vertex", "first_face", "first_sphere"):
+    for name in ("first_vertex", "first_face", "first_solid"):
         records[name] = getattr(arrays, name)[geometry]
     if top is not None:
         shape = top.bvh.shape

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...device.session import DeviceSession
-from ...structs import METRIC, PRIM_KINDS
+from ...kinds import TRIANGLES
+from ...structs import METRIC
 from .surface_arrays import SurfaceArrays
 
 _ROUNDING = 2.0**-24
@@ -84,8 +85,8 @@ def make_metrics(arrays: SurfaceArrays, scale: float) -> Metrics:
     records["reach"] = reach
 
     axes, half_lengths = np.zeros_like(linear), np.zeros((len(linear), 3))
-    is_spheres = arrays.kind[arrays.geometry_id] == PRIM_KINDS["spheres"]
-    axes[is_spheres], half_lengths[is_spheres], _ = np.linalg.svd(linear[is_spheres])
+    is_solid = arrays.kind[arrays.geometry_id] != TRIANGLES.number
+    axes[is_solid], half_lengths[is_solid], _ = np.linalg.svd(linear[is_solid])
     axes = np.ascontiguousarray(axes.transpose(0, 2, 1))
     records["axes"], records["half_lengths"] = axes, half_lengths
     most, least = half_lengths[:, 0], half_lengths[:, 2]  # they are in descending order

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...device.host.loops import Loops, pack_struct
 from ...errors import SceneError
 from ...geometry import Mesh, Shape
-from ...structs import PRIM_KINDS
+from ...geometry.spheres import find_numbers
 from ...support.memory import check_memory
 
 INSTANCES = Loops("world/instances")
@@ -56,18 +56,16 @@ class SurfacePoints(NamedTuple):
 # Half the largest side of an instance's box lies between these powers of two, or is zero: the limits of `Mesh`.
 _LEAST_EXPONENT, _MOST_EXPONENT = -500, 500
 
-_TRIANGLES, _SPHERES = PRIM_KINDS["triangles"], PRIM_KINDS["spheres"]
-
 
 class _SurfaceArrays(NamedTuple):
     vertices: NDArray[np.float64]
     faces: NDArray[np.int32]
-    spheres: NDArray[np.float64]
+    solids: NDArray[np.float64]
     margins: NDArray[np.float32]
     kind: NDArray[np.int32]
     first_vertex: NDArray[np.int64]
     first_face: NDArray[np.int64]
-    first_sphere: NDArray[np.int64]
+    first_solid: NDArray[np.int64]
     origin: NDArray[np.float64]
     scale: NDArray[np.float64]
     half_size: NDArray[np.float64]
@@ -85,8 +83,8 @@ class SurfaceArrays(_SurfaceArrays):
     """What loops need of a scene.
 
     A hit of instance i is on the geometry ``g = geometry_id[i]``, whose primitive p is row ``first_face[g] + p`` of
-    `faces`, or row ``first_sphere[g] + p`` of `spheres`. A point x of the geometry is at ``offset[i] + linear[i] @ x``
-    in the world.
+    `faces`, or the p-th row of numbers from ``first_solid[g]`` on in `solids`. A point x of the geometry is at
+    ``offset[i] + linear[i] @ x`` in the world.
 
     Attributes
     ----------
@@ -96,15 +94,15 @@ class SurfaceArrays(_SurfaceArrays):
         The faces of all meshes. The vertices of a face of the geometry g are the rows
         ``first_vertex[g] + faces[first_face[g] + p]``: the numbers are those of the mesh. Its own array if there is
         only one.
-    spheres : (n, 4) float64, object units
-        The centre and the radius of all spheres of all geometries.
+    solids : (n,) float64, object units
+        The numbers of all other primitives, row by row, see `Kind.numbers`: of a sphere the centre and the radius.
     margins : (F, 4) float32
         Of the faces: how close to an edge, and to a corner, of a face a start point may have another triangle beside
         it, on the outer side and on the inner one; see cl/host/hits/room.cl, which writes it. 0: not known yet.
     kind : (G,) int32
-        One of `structs.PRIM_KINDS` of each geometry.
-    first_vertex, first_face, first_sphere : (G,) int64
-        Where the geometry's rows begin in `vertices`, `faces` and `spheres`; 0 where it has none.
+        The number of each geometry's `Kind`.
+    first_vertex, first_face, first_solid : (G,) int64
+        Where the geometry's rows begin in `vertices` and `faces`, and its numbers in `solids`; 0 where it has none.
     origin : (G, 3) float64, object units
         The zero of the geometry's local coordinates.
     scale : (G,) float64
@@ -181,8 +179,9 @@ def make_surface_arrays(
         An instance is smaller or larger than float64 can compute with, or the copies do not fit the free memory.
     """
     meshes = [shape for shape in shapes if isinstance(shape, Mesh)]
-    spheres = [shape for shape in shapes if not isinstance(shape, Mesh)]
-    copied_bytes = 32 * sum(len(shape.radii) for shape in spheres)
+    numbers = [[*find_numbers(shape).values()] for shape in shapes]
+    solid_sizes = [sum(array.size for array in own) for own in numbers]
+    copied_bytes = 8 * sum(solid_sizes)
     if len(meshes) > 1:
         copied_bytes += sum(mesh.vertices.nbytes + mesh.faces.nbytes for mesh in meshes)
     check_memory("the arrays of the scene", copied_bytes, SceneError)
@@ -190,13 +189,13 @@ def make_surface_arrays(
     arrays = SurfaceArrays(
         vertices=_join([mesh.vertices for mesh in meshes], np.empty((0, 3))),
         faces=_join([mesh.faces for mesh in meshes], np.empty((0, 3), np.int32)),
-        spheres=_join([np.column_stack((shape.centres, shape.radii)) for shape in spheres], np.empty((0, 4))),
+        solids=_join([np.column_stack(own).ravel() for own in numbers if own], np.empty(0)),
         # Zeros are no memory until they are touched.
         margins=meshes[0].margins if len(meshes) == 1 else np.zeros((sum(mesh.face_count for mesh in meshes), 4), "f4"),
-        kind=np.array([_TRIANGLES if isinstance(shape, Mesh) else _SPHERES for shape in shapes], np.int32),
+        kind=np.array([shape.kind.number for shape in shapes], np.int32),
         first_vertex=_first_rows([len(shape.vertices) if isinstance(shape, Mesh) else 0 for shape in shapes]),
         first_face=_first_rows([len(shape.faces) if isinstance(shape, Mesh) else 0 for shape in shapes]),
-        first_sphere=_first_rows([0 if isinstance(shape, Mesh) else len(shape.radii) for shape in shapes]),
+        first_solid=_first_rows(solid_sizes),
         origin=np.array([shape.origin for shape in shapes], np.float64).reshape(-1, 3),
         scale=scales,
         half_size=np.zeros((len(shapes), 3)) if transforms is None else _half_sizes(shapes, scales),

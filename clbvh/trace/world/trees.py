@@ -23,18 +23,16 @@ from ...device.info import DeviceInfo
 from ...device.select import choose_device
 from ...device.session import DeviceSession
 from ...errors import ConfigError, DeviceError, SceneError
-from ...geometry import Mesh, Shape
-from ...geometry.corners import Bounded
+from ...geometry import Shape
+from ...kinds import KINDS, TRIANGLES, Kind
 from ...layouts.device_arrays import (
     DeviceArrays,
     has_shared_blocks,
-    item_struct,
     list_prims,
     make_all_arrays,
     make_device_arrays,
 )
 from ...layouts.device_prims import DevicePrims
-from ...structs import PRIM_KINDS
 from ...support.host_threads import HostThreads
 from ...tree_layouts import LAYOUTS, TREE_LAYOUTS
 from .tree_box import TreeBox
@@ -50,8 +48,7 @@ BRUTE_LIMIT = 100_000
 # Trees too deep for the common stack of their layout get the next multiple of this.
 _STACK_STEP = 16
 
-# The buffer of the blocks of each kind of primitives, by its number, and the most items that the device counts.
-_BLOCK_BUFFERS = {PRIM_KINDS["triangles"]: "blocks", PRIM_KINDS["spheres"]: "spheres"}
+# The most items that the device counts.
 _MOST_ITEMS = np.iinfo(np.int32).max
 
 
@@ -86,7 +83,7 @@ def choose_layout(layout: str, info: DeviceInfo, shapes: Sequence[Shape]) -> str
     DeviceError
         No buffer of the device holds the triangles, however they lie.
     """
-    count = sum(shape.prim_count for shape in shapes if isinstance(shape, Mesh))
+    count = sum(shape.prim_count for shape in shapes if shape.kind is TRIANGLES)
     largest = info.max_allocation_bytes
     if layout == "auto":
         layout = info.layout if count * _USUAL_BYTES <= largest else _SMALLEST_LAYOUT
@@ -141,14 +138,13 @@ class Tree(NamedTuple):
 
     Attributes
     ----------
-    kind : int
-        One of `structs.PRIM_KINDS`.
+    kind : Kind
     first_node, node_count, first_block, block_count : int
     stack_size : int
         Most entries on the stack of a traversal, as it is compiled in.
     """
 
-    kind: int
+    kind: Kind
     first_node: int
     node_count: int
     first_block: int
@@ -232,7 +228,7 @@ class NewTree:
     @classmethod
     def _of_arrays(cls, shape: Shape, arrays: DeviceArrays, layout: str, find_box: Callable[[], TreeBox]) -> Self:
         stack_size = pad_stack(layout, arrays.stack_size)
-        tree = Tree(_kind_of(shape), 0, len(arrays.nodes), 0, arrays.blocks.item_count, stack_size)
+        tree = Tree(shape.kind, 0, len(arrays.nodes), 0, arrays.blocks.item_count, stack_size)
         return cls(tree, find_box, arrays)
 
     @classmethod
@@ -254,7 +250,7 @@ class NewTree:
         session.finish()
         stack_size = pad_stack(layout, built.stack_size)
         half = np.maximum(np.abs(built.lower), np.abs(built.upper)).astype(np.float64)
-        tree = Tree(_kind_of(shape), 0, built.node_count, 0, built.block_count, stack_size)
+        tree = Tree(shape.kind, 0, built.node_count, 0, built.block_count, stack_size)
         return cls(tree, lambda: TreeBox(shape.origin, shape.scale, half), None, (built.nodes, blocks))
 
 
@@ -285,7 +281,7 @@ class DeviceTrees:
     box: TreeBox
 
     @classmethod
-    def join(cls, session: DeviceSession, shapes: Sequence[Bounded], trees: Sequence[NewTree], layout: str) -> Self:
+    def join(cls, session: DeviceSession, shapes: Sequence[Shape], trees: Sequence[NewTree], layout: str) -> Self:
         """Put trees into their places on a device.
 
         Parameters
@@ -304,8 +300,7 @@ class DeviceTrees:
             The trees do not fit the device.
         """
         dtypes = {"nodes": LAYOUTS[layout].node}
-        for kind, shape in {_kind_of(shape): shape for shape in shapes}.items():
-            dtypes[_BLOCK_BUFFERS[kind]] = item_struct(shape, layout)
+        dtypes |= {kind.buffer: LAYOUTS[layout].block(kind) for kind in dict.fromkeys(shape.kind for shape in shapes)}
         joined = cls(session, layout, _place([new.tree for new in trees]), {}, dtypes, trees[0].find_box())
         if len(trees) == 1 and trees[0].arrays is None:
             # A tree that was built there stays where it is.
@@ -346,17 +341,18 @@ class DeviceTrees:
 
     def block_buffer(self, geometry_id: int) -> str:
         """Return the name of the buffer with the blocks of a tree."""
-        return _BLOCK_BUFFERS[self.trees[geometry_id].kind]
+        return self.trees[geometry_id].kind.buffer
 
     @property
     def ranges(self) -> NDArray[np.int32]:
         """(G, 4) int32: first node, first block, number of blocks and kind of each tree."""
-        return np.array([(tree.first_node, tree.first_block, tree.block_count, tree.kind) for tree in self.trees], "i4")
+        rows = ((tree.first_node, tree.first_block, tree.block_count, tree.kind.number) for tree in self.trees)
+        return np.array([*rows], "i4")
 
     @property
-    def has_spheres(self) -> bool:
-        """Whether a shape is a group of spheres."""
-        return any(tree.kind == PRIM_KINDS["spheres"] for tree in self.trees)
+    def kinds(self) -> set[Kind]:
+        """Of the primitives of all shapes."""
+        return {tree.kind for tree in self.trees}
 
     @property
     def stack_size(self) -> int:
@@ -412,16 +408,12 @@ class DeviceTrees:
         return moved
 
 
-def _kind_of(shape: Bounded) -> int:
-    return PRIM_KINDS["triangles" if isinstance(shape, Mesh) else "spheres"]
-
-
 def _place(trees: Sequence[Tree]) -> tuple[Tree, ...]:
     """Return the trees one behind the other."""
     placed = []
-    ends = dict.fromkeys(("nodes", *_BLOCK_BUFFERS.values()), 0)
+    ends = dict.fromkeys(("nodes", *(kind.buffer for kind in KINDS.values())), 0)
     for tree in trees:
-        blocks = _BLOCK_BUFFERS[tree.kind]
+        blocks = tree.kind.buffer
         placed.append(Tree(tree.kind, ends["nodes"], tree.node_count, ends[blocks], tree.block_count, tree.stack_size))
         ends["nodes"] += tree.node_count
         ends[blocks] += tree.block_count
@@ -434,7 +426,7 @@ def _list_arrays(tree: Tree) -> list[tuple[str, int, int]]:
     """Return the buffers of a tree's nodes and of its blocks, where they begin, and their numbers."""
     return [
         ("nodes", tree.first_node, tree.node_count),
-        (_BLOCK_BUFFERS[tree.kind], tree.first_block, tree.block_count),
+        (tree.kind.buffer, tree.first_block, tree.block_count),
     ]
 
 

@@ -6,7 +6,7 @@ by every mask but 0, the world is lone: its kernels know of no instances, and no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,7 @@ from ...device.host.library import HostKernel
 from ...device.host.variants import TOP_STACK_SIZE
 from ...device.session import DeviceSession
 from ...geometry import Mesh, Shape
+from ...kinds import KINDS, Kind
 from ...scene.state import SceneState
 from ...structs import EXACT_RAY, HIT, RAY_LOW, WORLD_HIT
 from ...tree_layouts import LAYOUTS
@@ -89,10 +90,11 @@ class World:
     @cached_property
     def arguments(self) -> dict[str, Any]:
         """What every kernel is told of the world, by the names of its arguments; see cl/world/world.cl."""
-        buffers: dict[str, Any] = dict.fromkeys(("blocks", "spheres", "top_nodes", "instances"))
-        buffers |= self.trees.buffers | self.top_buffers | self.exact
-        if self.is_lone and self.has_spheres:
-            buffers |= {"blocks": buffers["spheres"], "spheres": None}
+        names = (*(kind.buffer for kind in KINDS.values()), "top_nodes", "instances")
+        buffers: dict[str, Any] = dict.fromkeys(names) | self.trees.buffers | self.top_buffers | self.exact
+        if self.is_lone:
+            own = self.state.shapes[0].kind.buffer
+            buffers |= {own: None} | {"blocks": buffers[own]}
         return buffers | {"block_count": np.int32(self.trees.trees[0].block_count if self.is_lone else 0)}
 
     @cached_property
@@ -109,7 +111,7 @@ class World:
     def defines(self) -> dict[str, int]:
         """Macros of every kernel that traverses the world."""
         trees = self.trees
-        defines = make_defines(trees.layout, trees.stack_size, is_lone=self.is_lone, has_spheres=self.has_spheres)
+        defines = make_defines(trees.layout, trees.stack_size, is_lone=self.is_lone, kinds=self.kinds)
         return defines | {"EXACT": 1} if self.is_exact else defines
 
     @property
@@ -118,9 +120,9 @@ class World:
         return self.exact is not NOT_EXACT
 
     @property
-    def has_spheres(self) -> bool:
-        """Whether rays can meet spheres, those of a lone world alone: nothing places the other shapes."""
-        return self.mesh is None if self.is_lone else self.trees.has_spheres
+    def kinds(self) -> set[Kind]:
+        """Of the primitives that rays can meet; one of a lone world: nothing places the other shapes."""
+        return {self.state.shapes[0].kind} if self.is_lone else self.trees.kinds
 
     @property
     def hit_dtype(self) -> np.dtype:
@@ -151,8 +153,8 @@ class World:
 
     @property
     def most_hits(self) -> int:
-        """Most hits that a ray can have: one with each triangle, two with each sphere."""
-        return self.state.placed_prim_count * (1 if self.mesh is not None else 2)
+        """Most hits that a ray can have."""
+        return self.state.placed_prim_count * max(kind.most_hits for kind in self.kinds)
 
     @property
     def low_dtype(self) -> np.dtype | None:
@@ -182,10 +184,10 @@ class World:
         return place(self.trees, state, session, arrays, self.refine_buffers)
 
 
-def make_defines(layout: str, stack_size: int, *, is_lone: bool, has_spheres: bool) -> dict[str, int]:
+def make_defines(layout: str, stack_size: int, *, is_lone: bool, kinds: Collection[Kind]) -> dict[str, int]:
     """Return the macros of every kernel that traverses a world; see cl/world/world.cl."""
     defines = {"LAYOUT": LAYOUTS[layout].number, "STACK_SIZE": stack_size, "LONE": int(is_lone)}
-    defines["HAS_SPHERES"] = int(has_spheres)
+    defines["KINDS"] = sum(kind.bit for kind in kinds)
     return defines if is_lone else defines | {"TOP_STACK_SIZE": TOP_STACK_SIZE}
 
 

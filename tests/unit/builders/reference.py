@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from clbvh.builders.prim_refs import fill_slice
-from clbvh.geometry.corners import find_corners
 from clbvh.structs import BOX_LANES, MAX_DEPTH, NODE
 
 
 def make_prim_refs(mesh):
     """Return the (2, n, 8) buffers that a build starts with, and the (2, 8) bounds of all."""
     prim_refs = np.zeros((2, mesh.face_count, BOX_LANES), np.float32)
-    return prim_refs, fill_slice(find_corners(mesh), 0, mesh.face_count, prim_refs[0])
+    return prim_refs, fill_slice(mesh.find_corners(), 0, mesh.face_count, prim_refs[0])
 
 
 def cost_of(rows):

@@ -14,9 +14,7 @@ from clbvh.builders.device import build_device
 from clbvh.builders.device.build_device import ROWS, TreeForm, build_tree_on
 from clbvh.builders.device.passes import CLUSTERS_LEFT, TILE_SIZE, plan_passes
 from clbvh.device.radix_sort import CPU_PLAN, GPU_PLAN, SortPlan, sort_pairs
-from clbvh.geometry.corners import find_corners
 from clbvh.layouts.device_prims import DevicePrims
-from clbvh.layouts.leaf_blocks import block_struct
 from clbvh.tree_layouts import LAYOUTS
 
 from ...soup import make_soup
@@ -104,7 +102,7 @@ def find_codes(boxes, bits):
 
 
 def box_corners(shape):
-    points, ids = find_corners(shape)
+    points, ids = shape.find_corners()
     corners = points[ids] + np.float32(0)
     return np.stack((corners.min(axis=1), corners.max(axis=1)), axis=1)
 
@@ -235,4 +233,4 @@ def test_a_device_without_room_for_the_build_says_how_much_it_lacks(session):
 def test_spheres_and_blocks_are_those_of_their_shape():
     spheres = Spheres(np.random.default_rng(1).normal(size=(500, 3)), 0.1)
     validate_tree(build_shape(spheres, "fast"), max_depth=64, max_leaf_size=4)
-    assert block_struct(spheres, 8).itemsize == 8 * 20
+    assert spheres.kind.block(8).itemsize == 8 * 20

@@ -8,6 +8,7 @@ import pytest
 from clbvh import DeviceMemoryError, InternalError, Tracer
 from clbvh.device.host import compile, library
 from clbvh.device.open import open_device
+from clbvh.kinds import ALL_KINDS
 from clbvh.tree_layouts import LAYOUTS, WIDE_LAYOUTS
 
 from ...packing import device_packs
@@ -65,7 +66,7 @@ def test_every_item_runs_once(host, scale_rows, size, group):
 
 
 @pytest.mark.parametrize("layout", WIDE_LAYOUTS)
-@pytest.mark.parametrize("macros", [{"LONE": 1}, {"LONE": 1, "EXACT": 1}, {"LONE": 0, "HAS_SPHERES": 1}], ids=str)
+@pytest.mark.parametrize("macros", [{"LONE": 1}, {"LONE": 1, "EXACT": 1}, {"LONE": 0, "KINDS": ALL_KINDS}], ids=str)
 def test_an_entry_point_among_the_variables_of_a_kernel_has_the_alignment_of_vectors(host, tmp_path, layout, macros):
     (tmp_path / "kernels").mkdir()
     (tmp_path / "kernels" / "measure_batch.cl").write_text(BATCH_SOURCE)

@@ -12,9 +12,10 @@ import trimesh
 import clbvh
 from clbvh import MeshError, Spheres
 from clbvh.files.open_scene import open_points
-from clbvh.geometry.corners import Boxes, bound_spheres, find_corners
+from clbvh.geometry.corners import Boxes
 from clbvh.geometry.loading import spheres_file
 from clbvh.geometry.loading.spheres_file import read_spheres
+from clbvh.geometry.spheres import bound_spheres
 
 CENTRES = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 2.0, 1.0]]
 # The share of its radius by which a box is larger than its sphere, and the rounding of coordinates.
@@ -78,7 +79,7 @@ def test_each_box_contains_its_sphere_and_a_margin_and_little_more(smallest):
             slack = 3 * ROUNDING * max(abs(lower), abs(upper)) + 2.0**-140
             assert 0 <= centre - radius - lower <= slack
             assert 0 <= upper - centre - radius <= slack
-    points, ids = find_corners(spheres)
+    points, ids = spheres.find_corners()
     assert (points[ids].min(axis=1) == corners[:, 0]).all()
     assert (points[ids].max(axis=1) == corners[:, 1]).all()
 

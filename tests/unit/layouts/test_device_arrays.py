@@ -7,7 +7,6 @@ import pytest
 
 from clbvh import BuildOptions, Mesh, Spheres, build, make_shape, sah_cost
 from clbvh.builders.build import build_tree
-from clbvh.geometry.corners import find_corners
 from clbvh.layouts import wide
 from clbvh.layouts.device_arrays import has_shared_blocks
 from clbvh.layouts.device_prims import DevicePrims
@@ -99,7 +98,7 @@ def check_arrays(arrays, layout, shape):
     prims, values = rows_of(arrays.blocks, LAYOUTS[layout].block_width)
     np.testing.assert_array_equal(values, np.where((prims == NO_PRIM)[:, None], np.nan, expected[prims]))
     assert sorted(prims[prims != NO_PRIM].tolist()) == list(range(shape.prim_count))
-    points, ids = find_corners(shape)
+    points, ids = shape.find_corners()
     visited = []
 
     def visit(node):

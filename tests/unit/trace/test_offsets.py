@@ -101,7 +101,7 @@ def find_hopeless(hits, origins, is_inside):
     inverse = hits.surface.arrays.inverse[hits.instance_id]
     moved = np.linalg.norm(np.einsum("nij,nj->ni", inverse, origins - hits.locations), axis=1)
     noise = np.linalg.norm(np.einsum("nij,nj->ni", np.abs(inverse), 2.0**-51 * np.abs(origins)), axis=1)
-    return is_inside & (moved + noise > 0.99 * hits.surface.arrays.spheres[hits.prim_id, 3])
+    return is_inside & (moved + noise > 0.99 * hits.surface.arrays.solids.reshape(-1, 4)[hits.prim_id, 3])
 
 
 @pytest.mark.parametrize("kind", SHAPES)

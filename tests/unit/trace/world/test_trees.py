@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from clbvh import ConfigError, DeviceError, build, make_shape
-from clbvh.tree_layouts import LAYOUTS, TREE_LAYOUTS, TRIANGLE
+from clbvh.kinds import TRIANGLE
+from clbvh.tree_layouts import LAYOUTS, TREE_LAYOUTS
 
 from ....chain import make_chain
 from ....worlds import arrays_of, open_mesh

@@ -8,9 +8,6 @@
 #include "nearest/ellipsoid.cl"
 #endif
 
-// The primitives are balls: at distance zero from the points inside, and not near any others.
-#define KIND_BALLS (KIND_SPHERES + 1)
-
 #if !LONE
 // The squared distance, in units of the metric, from the ellipsoid that a sphere is in the world.
 INLINED float distance_squared_to_stretched_sphere(
@@ -27,7 +24,7 @@ INLINED real_t distance_squared_to_sphere(const nearest_t *nearest, const point_
 {
     const metric_t *metric = &nearest->metric;
     const point_t placed = place_point(metric, centre.x, centre.y, centre.z);
-    if (nearest->kind == KIND_BALLS) {
+    if (nearest->is_of_inside) {
         return dot_of(placed, placed) < radius * radius ? (real_t)(0.0f) : (real_t)(INFINITY);
     }
 #if !LONE
