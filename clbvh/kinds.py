@@ -58,9 +58,10 @@ class Kind:
         Returns the struct of a block of one, four or eight primitives.
     most_hits : int
         Of a ray with a primitive.
-    numbers : tuple of str
+    arrays : tuple of str
         The arrays of a shape that have its primitives, if these have no corners: attributes of the shape, and with the
-        prefix ``local_`` the same in local coordinates.
+        prefix ``local_`` the same in local coordinates. Their rows, side by side, are the numbers of a primitive, in
+        the order of a block.
     """
 
     name: str
@@ -69,7 +70,7 @@ class Kind:
     buffer: str
     block: Callable[[int], np.dtype]
     most_hits: int
-    numbers: tuple[str, ...] = ()
+    arrays: tuple[str, ...] = ()
 
     @property
     def bit(self) -> int:
@@ -78,7 +79,7 @@ class Kind:
 
 
 TRIANGLES = Kind("triangles", "triangle", 0, "blocks", triangle_block, most_hits=1)
-SPHERES = Kind("spheres", "sphere", 1, "spheres", sphere_block, most_hits=2, numbers=("centres", "radii"))
+SPHERES = Kind("spheres", "sphere", 1, "spheres", sphere_block, most_hits=2, arrays=("centres", "radii"))
 
 KINDS = {kind.name: kind for kind in (TRIANGLES, SPHERES)}
 ALL_KINDS = sum(kind.bit for kind in KINDS.values())

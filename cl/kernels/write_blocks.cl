@@ -1,15 +1,20 @@
 // Writes the primitives of the leaves as a layout stores them, see `layouts/leaf_blocks.py`: BLOCK_WIDTH in a block.
 //
-// KINDS: the bit of one kind, see clbvh/kinds.py.
+// KINDS: the bit of one kind, whose primitives consist of PRIM_NUMBERS numbers, see clbvh/kinds.py.
 // HAS_FP64 as 1: degenerate triangles are found by the rule of `Mesh.degenerate_faces`; else the host tells them.
 //
-// points, corners                    see tree/prims.cl; of spheres 0 without boxes
+// points, corners                    see tree/prims.cl; of other kinds than triangles 0 without boxes
+// numbers[][PRIM_NUMBERS]            of other kinds
+// degenerate[]                       whether a triangle is, of devices without doubles
 // prims[block_count * BLOCK_WIDTH]   primitives, NO_PRIM in the lanes that are left over
 // blocks[]                           structs of the layout as 4-byte lanes, from first_block on
 // boxes[block_count]                 see tree/boxes.cl; or 0
 
 #ifndef BLOCK_WIDTH
 #define BLOCK_WIDTH 1
+#endif
+#ifndef PRIM_NUMBERS
+#define PRIM_NUMBERS 9
 #endif
 #ifndef HAS_FP64
 #define HAS_FP64 0
@@ -25,19 +30,12 @@
 // In lanes without a primitive.
 #define MISSING as_float(0x7fc00000)
 
-// centres, radii of spheres; and whether a triangle is degenerate, of devices without doubles.
 #define SHAPE_ARGUMENTS \
-    const global float *points, const global int *corners, const global float *centres, const global float *radii, \
-    const global uchar *degenerate
+    const global float *points, const global int *corners, const global float *numbers, const global uchar *degenerate
 
-#if HAS_SPHERES
-#define CORNER_LANES 4
-#else
-#define CORNER_LANES 9
-#endif
-#define BLOCK_LANES ((CORNER_LANES + 1) * BLOCK_WIDTH)
+#define BLOCK_LANES ((PRIM_NUMBERS + 1) * BLOCK_WIDTH)
 
-#if !HAS_SPHERES
+#if HAS_TRIANGLES
 
 #if HAS_FP64
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
@@ -155,15 +153,13 @@ INLINED box_t write_prims(SHAPE_ARGUMENTS, const global int *prims, global float
 {
     box_t box = empty_box();
     for (int slot = 0; slot < BLOCK_WIDTH; slot++) {
-        float4 sphere = (float4)(MISSING);
-        if (prims[slot] != NO_PRIM) {
-            sphere = (float4)(load3(centres + 3 * (long)prims[slot]), radii[prims[slot]]);
-            box = points != 0 ? unite(box_of_prim(points, corners, prims[slot]), box) : box;
+        const bool is_there = prims[slot] != NO_PRIM;
+        if (is_there && points != 0) {
+            box = unite(box_of_prim(points, corners, prims[slot]), box);
         }
-        lanes[slot] = sphere.x;
-        lanes[BLOCK_WIDTH + slot] = sphere.y;
-        lanes[2 * BLOCK_WIDTH + slot] = sphere.z;
-        lanes[3 * BLOCK_WIDTH + slot] = sphere.w;
+        for (int lane = 0; lane < PRIM_NUMBERS; lane++) {
+            lanes[lane * BLOCK_WIDTH + slot] = is_there ? numbers[PRIM_NUMBERS * (long)prims[slot] + lane] : MISSING;
+        }
     }
     return box;
 }
@@ -176,9 +172,8 @@ INLINED void ask_ahead(SHAPE_ARGUMENTS, const global int *prims, const int block
     const global int *far = prims + BLOCK_WIDTH * (long)min(block + 2 * BLOCKS_AHEAD, block_count - 1);
     const global int *near = prims + BLOCK_WIDTH * (long)min(block + BLOCKS_AHEAD, block_count - 1);
     for (int slot = 0; slot < BLOCK_WIDTH; slot++) {
-#if HAS_SPHERES
-        WILL_READ(centres + 3 * (long)far[slot]);
-        WILL_READ(radii + (long)far[slot]);
+#if !HAS_TRIANGLES
+        WILL_READ(numbers + PRIM_NUMBERS * (long)far[slot]);
 #else
         WILL_READ(corners + 3 * (long)far[slot]);
         const long next = 3 * (long)max(near[slot], 0);
@@ -198,11 +193,11 @@ kernel void write_blocks(
         return;
     }
     global float *lanes = blocks + BLOCK_LANES * (first_block + (long)block);
-    ask_ahead(points, corners, centres, radii, degenerate, prims, block, block_count);
+    ask_ahead(points, corners, numbers, degenerate, prims, block, block_count);
     const global int *own = prims + BLOCK_WIDTH * (long)block;
-    const box_t box = write_prims(points, corners, centres, radii, degenerate, own, lanes);
+    const box_t box = write_prims(points, corners, numbers, degenerate, own, lanes);
     for (int slot = 0; slot < BLOCK_WIDTH; slot++) {
-        ((global int *)lanes)[CORNER_LANES * BLOCK_WIDTH + slot] = own[slot];
+        ((global int *)lanes)[PRIM_NUMBERS * BLOCK_WIDTH + slot] = own[slot];
     }
     if (boxes != 0) {
         store_box(boxes, block, box, 0.0f);

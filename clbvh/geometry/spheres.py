@@ -365,9 +365,10 @@ Bounded: TypeAlias = Shape | Boxes
 """A shape that a tree can be over. All have `prim_count`, `origin`, `scale`, `name`, `local_box` and `find_corners`."""
 
 
-def find_numbers(shape: Shape, prefix: str = "") -> dict[str, NDArray[Any]]:
-    """Return the arrays that have the primitives of a shape, see `Kind.numbers`; with the prefix ``local_`` those."""
-    return {name: getattr(shape, prefix + name) for name in shape.kind.numbers}
+def join_numbers(shape: Shape, prefix: str = "") -> NDArray[Any] | None:
+    """Return the numbers of each primitive in a row, see `Kind.arrays`; None of a mesh."""
+    arrays = [getattr(shape, prefix + name) for name in shape.kind.arrays]
+    return np.column_stack(arrays) if arrays else None
 
 
 _Shape = TypeVar("_Shape", Mesh, Spheres)

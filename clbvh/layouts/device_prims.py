@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..device.host.variants import block_macros
 from ..device.session import DeviceSession, ReusableBuffer
 from ..geometry import Mesh, Shape
-from ..geometry.spheres import find_numbers
+from ..geometry.spheres import join_numbers
+from ..kinds import TRIANGLES
 from .device_mesh import DeviceMesh
-from .leaf_blocks import SOURCES, make_block_defines
 
 _WORK_GROUP = (64,)
 
@@ -40,7 +41,7 @@ class DevicePrims:
     """
 
     def __init__(self, owner: DeviceSession, session: DeviceSession, shape: Shape) -> None:
-        self._buffers = {name: ReusableBuffer(owner) for name in SOURCES}
+        self._buffers = {name: ReusableBuffer(owner) for name in ("points", "corners", "numbers", "degenerate")}
         self.put(session, shape)
 
     @property
@@ -61,11 +62,13 @@ class DevicePrims:
             points = points or self._write(session, "points", corners.points)
             ids = ids or self._write(session, "corners", corners.ids)
         self.points, self.corners = points, ids
-        own = find_numbers(shape, "local_")
+        degenerate, numbers = None, join_numbers(shape, "local_")
         if isinstance(shape, Mesh) and (shape.spans_scales or not session.info.has_fp64):
-            own["degenerate"] = shape.degenerate_faces.view(np.uint8)
-        self._sources = dict.fromkeys(SOURCES) | {"points": self.points, "corners": self.corners}
-        self._sources |= {name: self._write(session, name, array) for name, array in own.items()}
+            degenerate = shape.degenerate_faces.view(np.uint8)
+        self._sources = {
+            name: None if array is None else self._write(session, name, array)
+            for name, array in (("degenerate", degenerate), ("numbers", numbers))
+        }
         self.shape = shape
 
     def write_blocks(
@@ -94,10 +97,13 @@ class DevicePrims:
         boxes : buffer of (block_count, 8) float32, optional, written
             Rows of the lower corner, a number that means nothing, the upper corner, and another such number.
         """
+        finds_degenerate = self.shape.kind is TRIANGLES and self._sources["degenerate"] is None
         session.run(
-            session.kernel("write_blocks", make_block_defines(self.shape.kind, block_width, self._sources)),
+            session.kernel("write_blocks", block_macros(self.shape.kind, block_width, finds_degenerate)),
             (block_count,),
             _WORK_GROUP,
+            points=self.points,
+            corners=self.corners,
             **self._sources,
             prims=prims,
             blocks=blocks,

@@ -5,7 +5,6 @@ A primitive of `bvh2` is a block of one lane; the wide layouts have blocks of fo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -13,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..device.host.library import HostKernel, open_library
+from ..device.host.variants import block_macros
 from ..geometry import Mesh, Shape
-from ..geometry.spheres import find_numbers
-from ..kinds import KINDS, TRIANGLES, Kind
+from ..geometry.spheres import join_numbers
+from ..kinds import TRIANGLES, Kind
 from ..support.host_threads import HostThreads
 
 # Least blocks of a thread's range: each takes 0.3 us.
@@ -23,10 +23,6 @@ _LEAST_BLOCKS = 1 << 10
 
 # Work-items of a work-group of the kernel.
 _GROUP_SIZE = 64
-
-
-# What the kernel reads of a shape of any kind.
-SOURCES = ("points", "corners", "degenerate", *(name for kind in KINDS.values() for name in kind.numbers))
 
 
 class LeafBlocks(NamedTuple):
@@ -57,12 +53,14 @@ class LeafBlocks(NamedTuple):
     def write(self, items: NDArray[np.void], threads: HostThreads) -> None:
         """Write the blocks into (G,) structs, by the kernel that writes those of a device."""
         shape = self.shape
-        sources: dict[str, Any] = dict.fromkeys((*SOURCES, "boxes")) | find_numbers(shape, "local_")
+        sources: dict[str, Any] = dict.fromkeys(("points", "corners", "degenerate", "boxes"))
         if isinstance(shape, Mesh):
             sources |= {"points": shape.local_vertices, "corners": shape.faces}
             if shape.spans_scales:
                 sources["degenerate"] = shape.degenerate_faces
-        kernel = _find_kernel(*make_block_defines(shape.kind, self.prims.shape[1], sources).items())
+        sources["numbers"] = join_numbers(shape, "local_")
+        finds_degenerate = shape.kind is TRIANGLES and sources["degenerate"] is None
+        kernel = _find_kernel(shape.kind, self.prims.shape[1], finds_degenerate)
         group_count = -(-len(items) // _GROUP_SIZE)
         launch = kernel.bind(
             (group_count, 1, _GROUP_SIZE, 1),
@@ -73,12 +71,6 @@ class LeafBlocks(NamedTuple):
         )
 
 
-def make_block_defines(kind: Kind, width: int, sources: Mapping[str, Any]) -> dict[str, int]:
-    """Return the macros of the kernel: degenerate triangles that nobody tells are found in float64."""
-    has_fp64 = kind is TRIANGLES and sources["degenerate"] is None
-    return {"BLOCK_WIDTH": width, "KINDS": kind.bit, "HAS_FP64": int(has_fp64)}
-
-
 @cache
-def _find_kernel(*defines: tuple[str, int]) -> HostKernel:
-    return open_library().kernels("write_blocks", dict(defines))["write_blocks"]
+def _find_kernel(kind: Kind, width: int, finds_degenerate: bool) -> HostKernel:
+    return open_library().kernels("write_blocks", block_macros(kind, width, finds_degenerate))["write_blocks"]

@@ -12,7 +12,7 @@ from itertools import product
 from typing import NamedTuple
 
 from ...choices import REPORT_SHADINGS, SHADINGS
-from ...kinds import ALL_KINDS, KINDS, TRIANGLES
+from ...kinds import ALL_KINDS, KINDS, TRIANGLES, Kind
 from ...support.folders import find_folder
 from ...tree_layouts import LAYOUTS, TREE_LAYOUTS
 
@@ -88,6 +88,12 @@ class Variant(NamedTuple):
         return "_".join([kernel, *(f"{macro}{value}" for macro, value in self.macros)])
 
 
+def block_macros(kind: Kind, width: int, has_fp64: bool) -> dict[str, int]:
+    """Return the macros of the kernel that writes blocks, see cl/kernels/write_blocks.cl."""
+    numbers = kind.block(1).itemsize // 4 - 1  # all but the prim_id
+    return {"KINDS": kind.bit, "PRIM_NUMBERS": numbers, "BLOCK_WIDTH": width, "HAS_FP64": int(has_fp64)}
+
+
 def list_loop_files() -> list[str]:
     """Return the files of loops below ``cl/host``, without their ending."""
     folder = find_folder("cl") / "host"
@@ -130,8 +136,8 @@ def _list_all() -> Iterator[Variant]:
             yield Variant.of("build_tree", {"TREE_WIDTH": width, "AS_ROWS": as_rows} | _UNGROUPED)
     for width, block_width in widths:
         yield Variant.of("refit_nodes", {"TREE_WIDTH": width})
-        for kind, has_fp64 in ((TRIANGLES, 1), *((kind, 0) for kind in KINDS.values())):
-            yield Variant.of("write_blocks", {"BLOCK_WIDTH": block_width, "KINDS": kind.bit, "HAS_FP64": has_fp64})
+        for kind, has_fp64 in ((TRIANGLES, True), *((kind, False) for kind in KINDS.values())):
+            yield Variant.of("write_blocks", block_macros(kind, block_width, has_fp64))
     yield Variant.of("radix_sort", {"DIGIT_BITS": SORT_DIGIT_BITS, "GROUP_SIZE": 1})
     for value in (0, 1):
         yield Variant.of("take_mesh", {"IS_DOUBLE": value})

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...device.host.loops import Loops
 from ...geometry.mesh import Mesh
-from ...geometry.spheres import find_numbers
+from ...geometry.spheres import join_numbers
 from ...scene.state import SceneState
 from .instances import Instance, Tolerance, find_instances, world_radius
 
@@ -191,10 +191,10 @@ def _find_twins(world: SceneState, found: NDArray[np.void]) -> tuple[NDArray[np.
     instances = _first_equal(np.column_stack((np.asarray(world.geometry_ids, np.float64), transforms)))
     prims = np.empty(len(found), np.int64)
     for geometry_id, shape in enumerate(world.shapes):
-        if isinstance(shape, Mesh):
-            rows = shape.local_vertices[shape.faces].reshape(-1, 9)
-        else:
-            rows = np.column_stack([*find_numbers(shape, "local_").values()])
+        rows = join_numbers(shape, "local_")
+        if rows is None:
+            corners = shape.find_corners()
+            rows = corners.points[corners.ids].reshape(-1, 9)
         mine = found["geometry_id"] == geometry_id
         prims[mine] = _first_equal(rows)[found["prim_id"][mine]]
     return instances[found["instance_id"]], prims

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...device.host.loops import Loops, pack_struct
 from ...errors import SceneError
 from ...geometry import Mesh, Shape
-from ...geometry.spheres import find_numbers
+from ...geometry.spheres import join_numbers
 from ...support.memory import check_memory
 
 INSTANCES = Loops("world/instances")
@@ -95,7 +95,7 @@ class SurfaceArrays(_SurfaceArrays):
         ``first_vertex[g] + faces[first_face[g] + p]``: the numbers are those of the mesh. Its own array if there is
         only one.
     solids : (n,) float64, object units
-        The numbers of all other primitives, row by row, see `Kind.numbers`: of a sphere the centre and the radius.
+        The numbers of all other primitives, row by row, see `Kind.arrays`: of a sphere the centre and the radius.
     margins : (F, 4) float32
         Of the faces: how close to an edge, and to a corner, of a face a start point may have another triangle beside
         it, on the outer side and on the inner one; see cl/host/hits/room.cl, which writes it. 0: not known yet.
@@ -179,9 +179,8 @@ def make_surface_arrays(
         An instance is smaller or larger than float64 can compute with, or the copies do not fit the free memory.
     """
     meshes = [shape for shape in shapes if isinstance(shape, Mesh)]
-    numbers = [[*find_numbers(shape).values()] for shape in shapes]
-    solid_sizes = [sum(array.size for array in own) for own in numbers]
-    copied_bytes = 8 * sum(solid_sizes)
+    numbers = [join_numbers(shape) for shape in shapes]
+    copied_bytes = sum(own.nbytes for own in numbers if own is not None)
     if len(meshes) > 1:
         copied_bytes += sum(mesh.vertices.nbytes + mesh.faces.nbytes for mesh in meshes)
     check_memory("the arrays of the scene", copied_bytes, SceneError)
@@ -189,13 +188,13 @@ def make_surface_arrays(
     arrays = SurfaceArrays(
         vertices=_join([mesh.vertices for mesh in meshes], np.empty((0, 3))),
         faces=_join([mesh.faces for mesh in meshes], np.empty((0, 3), np.int32)),
-        solids=_join([np.column_stack(own).ravel() for own in numbers if own], np.empty(0)),
+        solids=_join([own.ravel() for own in numbers if own is not None], np.empty(0)),
         # Zeros are no memory until they are touched.
         margins=meshes[0].margins if len(meshes) == 1 else np.zeros((sum(mesh.face_count for mesh in meshes), 4), "f4"),
         kind=np.array([shape.kind.number for shape in shapes], np.int32),
         first_vertex=_first_rows([len(shape.vertices) if isinstance(shape, Mesh) else 0 for shape in shapes]),
         first_face=_first_rows([len(shape.faces) if isinstance(shape, Mesh) else 0 for shape in shapes]),
-        first_solid=_first_rows(solid_sizes),
+        first_solid=_first_rows([0 if own is None else own.size for own in numbers]),
         origin=np.array([shape.origin for shape in shapes], np.float64).reshape(-1, 3),
         scale=scales,
         half_size=np.zeros((len(shapes), 3)) if transforms is None else _half_sizes(shapes, scales),
