@@ -230,8 +230,22 @@ class Mesh(LocalFrame):
         """Number of primitives: its triangles."""
         return len(self.faces)
 
+    @property
+    def balls(self) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        """Centres and radii of balls that reach as far as the shape: the vertices, without radii."""
+        return self.vertices, None
+
     def find_corners(self) -> Corners:
-        """Return the local vertices and the faces."""
+        """Return the local vertices and the faces.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> square = clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+        >>> square.find_corners().ids
+        array([[0, 1, 2],
+               [0, 2, 3]], dtype=int32)
+        """
         return Corners(self.local_vertices, self.faces)
 
     @cached_property

@@ -272,12 +272,23 @@ class Spheres(LocalFrame):
         """(2, 3) float32: the least and the greatest local coordinates of the spheres, rounded."""
         return np.stack(_bound(self.local_centres, self.local_radii)).astype(np.float32)
 
+    @property
+    def balls(self) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        """Centres and radii of balls that reach as far as the shape: the spheres."""
+        return self.centres, self.radii
+
     def find_corners(self) -> Corners:
         """Return two opposite corners of the box around each sphere.
 
         Notes
         -----
         O(n), in this thread: about 20 ms for 1,000,000 spheres, 36 bytes each.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Spheres([[0, 0, 0], [4, 0, 0]], 1).find_corners().points.shape
+        (4, 3)
         """
         return corners_of_boxes(bound_spheres(self))
 

@@ -19,7 +19,7 @@ from ..geometry.appearance.material import Material
 from ..geometry.as_mesh import HasGraph, MeshLike, as_shape
 from ..geometry.loading.file_parts import Parts, Placed
 from ..geometry.loading.load import load_parts, load_placed
-from ..geometry.spheres import Shape, Spheres
+from ..geometry.spheres import Shape
 from ..support.forks import make_lock
 from .handles import (
     ALL_BITS,

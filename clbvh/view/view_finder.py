@@ -309,11 +309,9 @@ def _find_far_prims(shape: Shape) -> NDArray[np.bool_] | None:
 
 def _bound_prims(shape: Shape, chosen: slice) -> tuple[_Array, _Array]:
     """Return the lower and the upper corners of boxes around primitives, (n, 3), in local units."""
-    if isinstance(shape, Mesh):
-        corners = shape.local_vertices[shape.faces[chosen]].astype(np.float64)
-        return corners.min(axis=1), corners.max(axis=1)
-    centres, radii = (shape.centres[chosen] - shape.origin) * shape.scale, shape.radii[chosen, None] * shape.scale
-    return centres - radii, centres + radii
+    points, ids = shape.find_corners()
+    corners = points[ids[chosen]].astype(np.float64)
+    return corners.min(axis=1), corners.max(axis=1)
 
 
 def _without(shape: Shape, is_far: NDArray[np.bool_]) -> Shape:

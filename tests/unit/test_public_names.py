@@ -15,6 +15,8 @@ _OTHERS = {"None", "Any", "Self", "Callable", "Mapping", "Sequence", "Iterable",
 _OTHERS |= {"BaseException", "TracebackType", "Literal", "ClassVar", "Path"}
 # Anything with a graph as a `trimesh.Scene` has one, what hits and a picture show, and what a tree is over.
 _OTHERS |= {"HasGraph", "Surface", "DrawnScene", "Bounded"}
+# What builders and devices see of a shape.
+_OTHERS |= {"Kind", "Corners"}
 # What a mesh keeps for tracers.
 _OTHERS |= {"Coincidence", "CornerFaces"}
 # Parts of a build, public among the modules of clbvh only.

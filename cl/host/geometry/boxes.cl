@@ -1,4 +1,4 @@
-// Boxes of spheres, by clbvh/geometry/corners.py.
+// Boxes of spheres, by clbvh/geometry/spheres.py.
 
 // A box grows by this share of its sphere's radius: the rounding of the sphere test, see docs/internals/padding.md.
 #define MARGIN 0x1p-18

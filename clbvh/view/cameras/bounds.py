@@ -176,7 +176,7 @@ class SceneBounds:
         """Return (k,) float64: the largest value of each function over all vertices and spheres, or a little more."""
         bounds = self._bound_boxes(reaches)
         best = np.full(bounds.shape[1], -np.inf)
-        budget = _MOST_POINTS + sum(_count_points(shape) for shape in self.shapes)
+        budget = _MOST_POINTS + sum(len(shape.balls[0]) for shape in self.shapes)
         for function in range(bounds.shape[1]):
             while True:
                 instance = int(np.argmax(bounds[:, function]))
@@ -188,7 +188,8 @@ class SceneBounds:
                 best = np.maximum(best, self._reach_of(instance, reaches))
                 # Its box has said all that it can.
                 bounds[instance] = -np.inf
-                budget -= _count_points(self.shapes[self.geometry_ids[instance]]) + _POINTS_PER_VISIT + len(bounds)
+                point_count = len(self.shapes[self.geometry_ids[instance]].balls[0])
+                budget -= point_count + _POINTS_PER_VISIT + len(bounds)
         return best
 
     def _bound_boxes(self, reaches: Reaches) -> _Array:
@@ -207,11 +208,11 @@ class SceneBounds:
         """Return (k,) float64: the largest value of each function over one instance."""
         shape, linear = self.shapes[self.geometry_ids[instance]], self._linear[instance]
         largest = np.full(len(reaches.slopes), -np.inf)
-        for begin in range(0, _count_points(shape), _CHUNK_POINTS):
+        for begin in range(0, len(shape.balls[0]), _CHUNK_POINTS):
             part = slice(begin, begin + _CHUNK_POINTS)
             values = reaches.of_points(self._shape_points(shape, part), linear, self._offsets[instance])
-            if not isinstance(shape, Mesh):
-                values += reaches.of_ball(linear)[:, None] * (shape.radii[part] * shape.scale)
+            if (radii := shape.balls[1]) is not None:
+                values += reaches.of_ball(linear)[:, None] * (radii[part] * shape.scale)
             largest = np.maximum(largest, values.max(axis=1))
         return largest
 
@@ -219,15 +220,10 @@ class SceneBounds:
         """Return (n, 3) float64: some vertices or centres in the local coordinates of their shape."""
         if self._is_one_mesh:
             return shape.local_vertices[chosen].astype(np.float64)  # type: ignore[union-attr]
-        points = shape.vertices if isinstance(shape, Mesh) else shape.centres
-        return (points[chosen] - shape.origin) * shape.scale
+        return (shape.balls[0][chosen] - shape.origin) * shape.scale
 
 
 def _half_sizes(shapes: Sequence[Shape]) -> _Array:
     """Return (n, 3) float64: half the sides of a box around zero that contains each shape, in its local coordinates."""
     local = np.abs(np.array([shape.local_box for shape in shapes], np.float64)).max(axis=1)
     return np.asarray(local + _BOX_ERROR * local.max(axis=1, keepdims=True))
-
-
-def _count_points(shape: Shape) -> int:
-    return len(shape.vertices) if isinstance(shape, Mesh) else shape.prim_count
