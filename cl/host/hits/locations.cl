@@ -22,24 +22,6 @@ loop void locate_points(
     }
 }
 
-// The unit normal of a primitive in the world, on the object's outer side.
-static double3 find_normal(
-    const surfaces_t *surfaces, const int instance, const int prim, const double u, const double v)
-{
-    if (prim == NO_PRIM) {
-        return (double3)(NAN);
-    }
-    const int geometry = surfaces->geometry_id[instance];
-    double3 normal;
-    if (surfaces->kind[geometry] == KIND_SPHERES) {
-        normal = sphere_point(u, v);
-    } else {
-        const wide_corners_t corners = load_wide_corners(surfaces, geometry, prim);
-        normal = normal_of(&corners, surfaces->scale[geometry]);
-    }
-    return turn_normal(surfaces, instance, normal).unit;
-}
-
 // Writes unit normals in the world, on the object's outer side.
 loop void find_normals(
     const ulong *arrays, const long count, const int prim_ids[count], const int instance_ids[count],

@@ -75,7 +75,7 @@ class Changes:
         if isinstance(tree, str):
             tree = build_shape(built, tree, world.trees.session.info)
         elif not isinstance(tree, Bvh):
-            tree = get_tree(cast(Shape, built), tree).bvh
+            tree = get_tree(built, tree).bvh
         return tree if built is mesh else tree.refit(cast(Mesh, mesh).vertices)
 
     def choose_instances(self, geometry: Geometry | str | None, instance: Instances | None) -> NDArray[np.int64]:
