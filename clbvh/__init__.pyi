@@ -70,5 +70,5 @@ from .view.cameras.lens import Lens as Lens
 from .view.cameras.projection import Fisheye as Fisheye, Orthographic as Orthographic, Panorama as Panorama
 from .view.cut import Cut as Cut
 from .view.environment_map import EnvironmentMap as EnvironmentMap
-from .view.view import Light as Light, View as View, Wireframe as Wireframe
+from .view.view import Light as Light, Section as Section, View as View, Wireframe as Wireframe
 from .viewer.open import view as view

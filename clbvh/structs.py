@@ -336,6 +336,11 @@ VIEW = np.dtype(
         ("cut_height", "f4"),
         ("cut_lower", "f4", 3),
         ("cut_upper", "f4", 3),
+        # Whether a cut shows sections of closed objects, their colour, in the kind of numbers that the shading has,
+        # and pixels from one line of their hatching to the next, or 0.
+        ("has_section", "i4"),
+        ("section_colour", "f4", 3),
+        ("section_hatch", "i4"),
         # Lines along the edges of triangles: their width in pixels, and their colour, in the kind of numbers that the
         # shading computes.
         ("line_width", "f4"),

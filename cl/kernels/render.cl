@@ -3,6 +3,7 @@
 // Shared arguments: see cl/world/world.cl.
 // instance_colours[4 * instance_count]   by instance_id: linear red, green, blue, and whether the instance has a colour
 //                                        of its own, 0 or 1; without, it has that of the view
+// closed[instance_count]                 by instance_id: whether it encloses a volume; NULL without a cut
 // view[1]                                view_t: camera, light and colours, see clbvh/structs.py
 // first_row, row_count                   rows of the picture in this band; row 0 is the top
 // colours[row_count * width]             written: red, green, blue, and 255 where something is hit
@@ -12,6 +13,7 @@
 //
 // Work-items: (width, row_count), rounded up to tiles.
 
+#include "film/section.cl"
 #include "film/wireframe.cl"
 #include "rays/batch.cl"
 #include "shading/shade.cl"
@@ -30,7 +32,7 @@ INLINED float3 find_colour(const global view_t *view, const global float *instan
 
 kernel void render(
     WORLD_ARGUMENTS, const global tile_t *restrict tiles, const global node_t *restrict entry_points,
-    const global float *restrict instance_colours,
+    const global float *restrict instance_colours, const global uchar *restrict closed,
     const global view_t *restrict view, const int first_row, const int row_count, global uchar4 *restrict colours,
     global kept_hit_t *restrict hits)
 {
@@ -62,6 +64,11 @@ kernel void render(
         const float2 film = pixel_centre(view, column, row);
         const float share = find_line_share(view, &world, &ray, film, &search, surface.position, LINE_SMOOTHING);
         colour = blend(colour, load3(view->line_colour), share);
+#endif
+#if HAS_CUT
+        if (shows_section(view, closed, &world, &ray, &search)) {
+            colour = section_colour(view, column, row);
+        }
 #endif
     } else {
         colour = is_seen ? shade_background(view, row) : (float3)(0.0f);

@@ -3,6 +3,7 @@
 //
 // Shared arguments: see cl/world/world.cl, cl/looks/looks.cl and cl/traversal/entry_point.cl.
 // lights[] and so on          see cl/film/lights.cl; NULL but for SHADE_PATH
+// closed[instance_count]      by instance_id: whether it encloses a volume; NULL without a cut
 // view[1]                     view_t: camera, light and colours, see clbvh/structs.py
 // first_row, row_count        rows of the picture in this band; row 0 is the top
 // first_sample, sample_count  samples to take of each pixel, by their numbers
@@ -25,6 +26,7 @@
 #include "film/ground.cl"
 #include "film/openness.cl"
 #include "film/pixel.cl"
+#include "film/section.cl"
 #include "film/wireframe.cl"
 #include "rays/batch.cl"
 #include "sampling/screen.cl"
@@ -69,7 +71,7 @@ kernel void render_samples(
     const global float *restrict decoded_srgb, const global light_t *restrict lights,
     const global light_choice_t *restrict light_choices, const global float *restrict environment,
     const global float *restrict environment_rows, const global float *restrict environment_columns,
-    const global view_t *restrict view, const int first_row,
+    const global uchar *restrict closed, const global view_t *restrict view, const int first_row,
     const int row_count, const int first_sample, const int sample_count, const global int *restrict settled,
     global float4 *restrict film, global kept_hit_t *restrict hits)
 {
@@ -111,6 +113,11 @@ kernel void render_samples(
             const float2 point = film_point(view, column - 1, row - 1, offset);
             value.xyz = draw_lines(&stage, &ray, point, &ray_hits.shown, value.xyz);
 #endif
+#if HAS_CUT
+            if (shows_section(view, closed, &stage.world, &ray, &ray_hits.first)) {
+                value = (float4)(section_colour(view, column, row), 1.0f);
+            }
+#endif
         }
         film[(sample - first_sample) * width * (row_count + 2) + pixel] = value;
         const bool is_inside = column > 0 && column <= view->width && band_row > 0 && band_row <= row_count;
@@ -147,6 +154,11 @@ kernel void render_samples(
 #endif
 #if HAS_WIREFRAME
         value.xyz = draw_lines(&stage, &ray, sample_film(view, column, row, sample), &ray_hits.shown, value.xyz);
+#endif
+#if HAS_CUT
+        if (is_seen && shows_section(view, closed, &stage.world, &ray, &ray_hits.first)) {
+            value = (float4)(section_colour(view, column, row), 1.0f);
+        }
 #endif
         sum += value;
         if (sample == 0) {

@@ -33,8 +33,9 @@ def view(
         Print the address alone.
     """
     from ..viewer.open import prepare
-    from ..viewer.serve import serve
+    from ..viewer.serve import import_server, serve
 
+    import_server()  # said before a mesh is loaded
     wanted = options.make_options(RenderOptions, tree)
     open_renderer = prepare(options.find_source(sources, point_radius), None, wanted, options.read_changes(view))
 

@@ -97,6 +97,12 @@ class DrawnScene:
         return tuple(dict.fromkeys(filter(None, notes)))
 
     @cached_property
+    def closed(self) -> NDArray[np.uint8]:
+        """(n,) uint8: 1 for each instance that encloses a volume."""
+        of_shapes = np.array([shape.is_watertight for shape in self.state.shapes], np.uint8)
+        return of_shapes[self.state.geometry_ids]
+
+    @cached_property
     def has_lamps(self) -> bool:
         """Whether a material emits light."""
         looks = (shape.appearance for shape in self.looks.shapes if shape.appearance is not None)

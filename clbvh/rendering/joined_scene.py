@@ -109,6 +109,8 @@ class JoinedScenes:
         """Return the joined scene of a view; None where the instances stay as they are."""
         if view.shading != "path" or self._scene.top is None or self._caster.world.layout == BRUTE:
             return None
+        if view.cut is not None and view.section.fill:
+            return None  # of which the mesh of open and closed ones has none
         with self._lock:
             key = view.smooth, view.surface  # what the looks of a mesh depend on
             if self._known[0] != key:

@@ -12,6 +12,7 @@ from ..errors import SceneError
 from ..geometry.appearance.srgb import linear_to_srgb
 from ..geometry.spheres import Bounded
 from ..structs import CUTS, PROJECTIONS, VIEW
+from ..support.settings import Vector
 from ..view.cameras.camera import Camera
 from ..view.cameras.lens import window_of
 from ..view.cameras.projection import Fisheye, Orthographic, Panorama, name_of
@@ -131,18 +132,24 @@ def make_kernel_view(
                     space.to_local(cut.first) - eye,
                     space.to_local(cut.second) - eye,
                 )
+        section = view.section
+        kernel_view["has_section"], kernel_view["section_hatch"] = section.fill, section.hatch
+        kernel_view["section_colour"] = _drawn_colour(view, section.colour)
     if view.wireframe is not None:
         kernel_view["line_width"] = view.wireframe.width
-        # After the exposure and the tone curve of the picture.
-        colour = np.asarray(view.wireframe.colour, np.float64)
-        if view.shading in REPORT_SHADINGS:
-            kernel_view["line_colour"] = linear_to_srgb(colour)
-        else:
-            light = _invert_filmic(colour) if view.curve == "filmic" else colour
-            kernel_view["line_colour"] = light / 2.0**view.exposure
+        kernel_view["line_colour"] = _drawn_colour(view, view.wireframe.colour)
     kernel_view["is_transparent"], kernel_view["seed"] = view.transparent, view.seed
     kernel_view["most_bounces"] = view.max_bounces
     return kernel_view
+
+
+def _drawn_colour(view: View, colour: Vector) -> NDArray[np.float64]:
+    """Return a linear colour, as it is after exposure and tone curve, in the numbers that the shading computes."""
+    linear = np.asarray(colour, np.float64)
+    if view.shading in REPORT_SHADINGS:
+        return linear_to_srgb(linear)
+    light = _invert_filmic(linear) if view.curve == "filmic" else linear
+    return np.asarray(light / 2.0**view.exposure)
 
 
 def _locate_eye(camera: Camera, space: Bounded) -> NDArray[np.float64]:

@@ -62,6 +62,8 @@ class OneRayPainter:
         Linear colours of the instances; NaN, and by default: that of the view.
     parts : mapping of str to int
         Macros of the parts of the kernel that views need, as `NO_PARTS`.
+    closed : buffer or None
+        Of `DrawnScene.closed`, where there is a cut.
 
     Attributes
     ----------
@@ -82,11 +84,12 @@ class OneRayPainter:
         world: World,
         colours: NDArray[np.floating] | None = None,
         parts: Mapping[str, int] = NO_PARTS,
+        closed: Any = None,
     ) -> None:
         own = np.full((1, 3), np.nan) if colours is None else colours
         has_own = ~np.isnan(own).any(axis=1, keepdims=True)
         rows = np.concatenate((np.where(has_own, own, 0.0), has_own), axis=1).astype(np.float32)
-        self._arguments = world.arguments | {"instance_colours": session.upload(rows)}
+        self._arguments = world.arguments | {"instance_colours": session.upload(rows), "closed": closed}
         self._tile = session.settings.tile
         self._kernel = session.kernel("render", {**world.defines, **parts})
         self._entry_points = _ViewEntryPoints(session, world, self._tile, 0.0)
@@ -298,8 +301,9 @@ class Painters:
         parts = {"HAS_CUT": int(view.cut is not None), "HAS_WIREFRAME": int(view.wireframe is not None)}
         with self._lock:
             if view.shading in REPORT_SHADINGS:
-                make = partial(OneRayPainter, self._session, self._world, self._scene.looks.colours, parts)
-                return _keep(self._known, ("one ray", *parts.values()), make)
+                colours, closed = self._scene.looks.colours, self._find_closed(view)
+                make = partial(OneRayPainter, self._session, self._world, colours, parts, closed)
+                return _keep(self._known, ("one ray", closed is None, *parts.values()), make)
             is_path = view.shading == "path"
             if is_path:
                 lights = self._find_lights()
@@ -310,7 +314,13 @@ class Painters:
             kernel_view["has_cutouts"] = shading.has_cutouts
             if is_path and view.environment is not None:
                 buffers = buffers | self._find_environment(view, kernel_view)
-            return SamplePainter(shading, progress, buffers)
+            return SamplePainter(shading, progress, {**buffers, "closed": self._find_closed(view)})
+
+    def _find_closed(self, view: View) -> Any:
+        """Return which instances a cut shows a section of, on the device; None without one."""
+        if view.cut is None or not view.section.fill:
+            return None
+        return _keep(self._known, "closed", lambda: self._session.upload(self._scene.closed))
 
     def _upload(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         return {name: self._session.upload(array) for name, array in arrays.items()}

@@ -15,7 +15,7 @@ from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
 from ..support.say_once import say_once
 from ..view.view import View
-from .serve import serve
+from .serve import import_server, serve
 from .session import FIRST_SHADING, Send, Session
 
 
@@ -73,6 +73,8 @@ def view(
     >>> import clbvh
     >>> clbvh.view("bunny")  # doctest: +SKIP
     """
+    if not _is_notebook():
+        import_server()  # said before a mesh is loaded
     open_renderer = prepare(source, view, options, changes)
     if _is_notebook():
         from .widget import ViewWidget

@@ -75,6 +75,15 @@ def serve(
             return
 
 
+def import_server() -> Callable[..., Any]:
+    """Return the function of websockets that serves; raise `ConfigError` if the extra ``view`` is missing."""
+    try:
+        from websockets.sync.server import serve
+    except ImportError as error:
+        raise ConfigError(f"the viewer needs websockets: run 'pip install \"clbvh[view]\"' ({error})") from error
+    return serve
+
+
 class PageServer(ContextManager):
     """Serves the page from threads of its own, until it is closed.
 
@@ -92,10 +101,7 @@ class PageServer(ContextManager):
     """
 
     def __init__(self) -> None:
-        try:
-            from websockets.sync.server import serve
-        except ImportError as error:
-            raise ConfigError(f"the viewer needs websockets: run 'pip install \"clbvh[view]\"' ({error})") from error
+        serve = import_server()
         self._token = secrets.token_urlsafe(16)
         self._ready = threading.Event()
         self._connect: Callable[[Any], Connected] | None = None

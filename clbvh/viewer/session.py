@@ -9,6 +9,7 @@ listed in docs/internals/viewer.md.
 from __future__ import annotations
 
 import math
+import re
 import reprlib
 import threading
 import time
@@ -43,6 +44,9 @@ _FRAME_S = 1 / 30
 
 # Seconds of a launch, for which a change may have to wait.
 _LAUNCH_S = 0.02
+
+# Seconds of a picture for a saved notebook.
+_STILL_PICTURE_S = 0.5
 
 # Seconds without a change after which the picture settles.
 _STILL_S = 0.15
@@ -555,7 +559,15 @@ class Session:
             self._say({"type": "overlay", **marks}, encode_mask(self._selected, picture))
 
     def _say_file(self, content: bytes) -> None:
-        self._say({"type": "file", "name": "picture.png"}, content)
+        # Named after the scene and what is seen of it.
+        words = (self._renderer.scene.snapshot().names[0], self._view.side, self._view.shading)
+        name = re.sub(r"\W+", "-", "-".join(filter(None, words)).lower()).strip("-")
+        self._say({"type": "file", "name": f"{name}.png"}, content)
+
+    def render_still(self) -> Picture:
+        """Return the picture as it is now, or what half a second makes of it."""
+        limit_s = None if self._view.shading in REPORT_SHADINGS else _STILL_PICTURE_S
+        return self._picture or self._renderer.render(self._view, time_limit_s=limit_s)
 
     def _note(self, text: str, *, is_error: bool = False) -> None:
         self._say({"type": "note", "text": text, "is_error": is_error})

@@ -5,10 +5,12 @@ Follows https://anywidget.dev for the module, and jupyter_rfb for the names of e
 
 from __future__ import annotations
 
+from base64 import b64encode
 from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError
+from ..files.image_files import encode_picture
 from ..rendering.renderer import Renderer
 from .session import Session
 
@@ -49,6 +51,15 @@ class ViewWidget(anywidget.AnyWidget):
 
     def _carry(self, message: dict[str, Any], content: bytes = b"") -> None:
         self.send(message, [content] if content else None)
+
+    def _repr_mimebundle_(self, **named: Any) -> Any:
+        """Return what a cell shows: the live picture, and a still one for where no program runs."""
+        bundle = super()._repr_mimebundle_(**named)
+        if bundle is None:
+            return None
+        data, more = bundle if isinstance(bundle, tuple) else (bundle, {})
+        still = self._session.render_still()
+        return {**data, "image/png": b64encode(encode_picture(still.pixels, ".png")).decode()}, more
 
     def refresh(self) -> None:
         """Show the scene as it is now, after `Renderer.set_transforms`."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+
+import imageio.v3 as imageio
 import nbclient
 import nbformat
 
@@ -42,5 +45,8 @@ def test_a_cell_shows_a_live_picture_that_settles_to_the_rendered_one():
     nbclient.NotebookClient(notebook, timeout=120).execute()
     (shown,) = (each for each in notebook.cells[0].outputs if each["output_type"] == "execute_result")
     assert "application/vnd.jupyter.widget-view+json" in shown["data"]
+    # Where no program runs, as in HTML that was made of it, a still picture is left.
+    still = imageio.imread(base64.b64decode(shown["data"]["image/png"]))
+    assert still.std() > 5
     (printed,) = (each for each in notebook.cells[1].outputs if each.get("name") == "stdout")
     assert printed["text"].split() == ["True", "[]"]

@@ -218,3 +218,32 @@ def test_every_button_is_reached_at_any_width(viewer, open_page, size, scheme):
     for control in controls:
         assert control.evaluate(IS_REACHABLE), control
         assert control.evaluate("(node) => node.ariaLabel || node.innerText || node.labels[0].innerText")
+
+
+def test_a_phone_shows_the_answer_to_a_click_and_the_object_beside_an_open_panel(viewer, open_page):
+    viewport = dict(zip(("width", "height"), PHONE, strict=True))
+    page = open_page(viewer[1], viewport=viewport, has_touch=True)
+    for place in ((x, y) for y in range(200, 600, 20) for x in range(60, 340, 20)):
+        page.touchscreen.tap(*place)  # until one hits
+        if page.locator("th:text('face')").count():
+            break
+    page.wait_for_selector("th:text('face') >> visible=true")
+    page.get_by_role("button", name="Show the panel").tap()
+    page.wait_for_function("document.querySelector('.picture').getBoundingClientRect().height < 0.6 * innerHeight")
+    bottom = page.locator(".picture").evaluate("(node) => node.getBoundingClientRect().bottom")
+    assert bottom <= page.locator(".panel").evaluate("(node) => node.getBoundingClientRect().top") + 1
+
+
+def test_keys_work_while_the_help_is_open(viewer, open_page):
+    page = open_page(viewer[1], viewport={"width": 1280, "height": 720})
+    page.get_by_text("Mouse and keys").click()
+    page.get_by_text("orbit; in flight").wait_for()
+    page.keyboard.press("m")
+    page.wait_for_function("document.querySelector('input[type=checkbox]').checked")
+
+
+def test_a_saved_picture_has_the_name_of_what_it_shows(viewer, open_page):
+    page = open_page(viewer[1])
+    with page.expect_download() as download:
+        page.get_by_role("button", name="save PNG").click()
+    assert download.value.suggested_filename == "knot-studio.png"

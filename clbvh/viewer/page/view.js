@@ -345,7 +345,7 @@ function makePanel(send, stage) {
   const share = make("output", { textContent: "50%" });
   const hit = make("table");
   const hitSection = makeSection("Clicked", hit, asking("clear", "clear"));
-  hitSection.hidden = true;
+  Object.assign(hitSection, { className: "clicked", hidden: true });
   const text = make("textarea", { readOnly: true, hidden: true, spellcheck: false, onfocus: () => text.select() });
   const figures = make("p", { className: "figures" });
   const files = makeRow(asking("save PNG", "png"), asking("copy command", "command"), asking("copy Python", "python"));
@@ -354,11 +354,11 @@ function makePanel(send, stage) {
     makeSection("Shading", shading, makeRow(makeLabel(wireframe, "wireframe"))),
     makeSection("View", sides, makeRow(asking("home", "home"), turntable, makeLabel(fly, "fly"))),
     makeSection("Cut", makeRow(axis, makeLabel(flip, "flip")), makeRow(height, share)),
-    hitSection, makeSection("Take away", files, text),
+    makeSection("Take away", files, text),
     make("details", {}, make("summary", { textContent: "Mouse and keys" }), fillTable(make("table"), HELP)), figures);
-  const node = make("aside", { className: "panel", ariaLabel: "Settings" }, make("header", {}, title, folding), body);
+  const node = make("aside", { className: "panel", ariaLabel: "Settings" }, make("header", {}, title, folding), hitSection, body);
   // After a click of the mouse, keys belong to the picture again.
-  node.onclick = (event) => event.detail && event.target.closest("button, .check") && stage.focus();
+  node.onclick = (event) => event.detail && event.target.closest("button, .check, summary") && stage.focus();
 
   function fold(isFolded) {
     node.classList.toggle("folded", isFolded);
