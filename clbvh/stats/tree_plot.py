@@ -40,7 +40,7 @@ def check_plot_path(path: Path) -> None:
     try:
         import matplotlib as matplotlib
     except ImportError as error:
-        raise ConfigError(f"a plot needs matplotlib: run 'pip install matplotlib' ({error})") from error
+        raise ConfigError(f"a plot needs matplotlib: run 'pip install \"clbvh[study]\"' ({error})") from error
 
 
 def write_tree_plot(path: Path, stats: TreeStats, title: str) -> None:

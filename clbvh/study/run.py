@@ -92,7 +92,7 @@ def run_study(
     """
     experiments = find_experiments(names)
     if missing := list_missing(_PACKAGES):
-        raise ConfigError(f"the page of a study needs {missing}: run 'pip install {missing.replace(',', '')}'")
+        raise ConfigError(f"the page of a study needs {missing}: run 'pip install \"clbvh[study]\"'")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

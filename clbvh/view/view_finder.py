@@ -140,8 +140,8 @@ _UPS, _NAMES = {_Y: Y_UP, _Z: Z_UP}, "xyz"
 
 _Array = NDArray[np.float64]
 
-# Formats whose rule is to have y up, and those that mostly have z up: STL comes from CAD and goes to printers.
-_RULED_SUFFIXES = (".gltf", ".glb")
+# Axes that are up by the rule of a format, and formats that mostly have z up: STL comes from CAD, for printers.
+_RULED_SUFFIXES = {".gltf": _Y, ".glb": _Y, ".3mf": _Z, ".step": _Z, ".stp": _Z}
 _Z_SUFFIXES = (".stl", ".off")
 
 # Instances and points that a guess of up looks at, spread evenly; the result is the same for 1,000 to 100,000 points of
@@ -338,8 +338,8 @@ def _choose_axis(points: _Array, suffix: str, can_stand: bool) -> tuple[int, str
 
     Spheres cannot stand: the lowest ones of a cloud are where chance has put them.
     """
-    if suffix in _RULED_SUFFIXES:
-        return _Y, None
+    if (ruled := _RULED_SUFFIXES.get(suffix)) is not None:
+        return ruled, None if ruled == _Y else f"{suffix[1:].upper()} files have it so"
     lower, upper = np.quantile(points, [_ENDS, 1 - _ENDS], axis=0)
     sides = upper - lower
     for axis in (_Z, _Y):

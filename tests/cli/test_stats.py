@@ -126,7 +126,7 @@ class TestMesh:
         with Image.open(tmp_path / "a.png") as image:
             assert image.size == (1500, 750)
         monkeypatch.setitem(sys.modules, "matplotlib", None)
-        refuses(run_clbvh("stats", knot_file, "--plot", tmp_path / "a.png"), 2, "pip install matplotlib")
+        refuses(run_clbvh("stats", knot_file, "--plot", tmp_path / "a.png"), 2, "clbvh[study]")
         assert run_process("stats", knot_file, **hidden_drivers(tmp_path)).returncode == 0
 
 

@@ -14,8 +14,8 @@ BALL = clbvh.make_shape("icosphere", triangles=20_480)
 COLOUR = (0.25, 0.5, 0.75)
 SIDE, HEIGHT = 121, 2.5
 VIEW = clbvh.View(
-    side="front", up="y", projection=Orthographic(HEIGHT), width=SIDE, height=SIDE, cut="z>0", section=clbvh.Section(colour=COLOUR),
-    shading="normal",
+    side="front", up="y", projection=Orthographic(HEIGHT), width=SIDE, height=SIDE, cut="z>0", shading="normal",
+    section=clbvh.Section(colour=COLOUR),
 )  # fmt: skip
 # A ball with a hole inside: the walls of the hole face it.
 HOLLOW = Mesh.from_arrays(

@@ -208,6 +208,9 @@ def test_the_format_decides_where_the_shape_does_not():
             assert note is None if up == Y_UP else note.startswith("z is up: most ")
     for kind in ("glb", "gltf"):
         assert guess(as_mesh(CREATE.cone(1, 2)), kind) == (Y_UP, None)
+    for kind in ("3mf", "step", "stp"):
+        vector, note = guess(as_mesh(CREATE.cone(1, 2)).with_vertices(CREATE.cone(1, 2).vertices @ TURN.T), kind)
+        assert (vector, note.startswith(f"z is up: {kind.upper()} files have it so")) == (Z_UP, True)
 
 
 def test_an_eye_straight_above_has_the_other_axis():
