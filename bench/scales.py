@@ -1,6 +1,6 @@
 """A mesh of small triangles on a ground of two large ones: as one mesh, over the same as two instances.
 
-    python bench/scales.py [--half 1e4 3e4 2e7]
+    python -m bench.scales [--half 1e4 3e4 2e7]
 
 Prints whole calls in milliseconds, medians of seven in turn, and their ratio.
 """
@@ -11,9 +11,10 @@ import argparse
 from functools import partial
 
 import numpy as np
-from paired import compare, measure_ms
 
 import clbvh
+
+from .paired import compare, measure_ms
 
 
 def main() -> None:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from ..errors import ConfigError, MeshError, SceneError
 from ..geometry import Mesh, Shape, Spheres, find_known_mesh, load_mesh, make_shape
 from ..geometry.appearance.material import Material, Texture
+from ..geometry.as_mesh import as_shape
 from ..geometry.loading.file_mesh import FileMesh
 from ..geometry.loading.file_parts import POINT, Parts, Placed, find_hidden, join_nodes
 from ..geometry.loading.spheres_file import SPHERES_SUFFIXES, read_spheres
@@ -106,8 +107,8 @@ class SceneObject(Struct, kw_only=True, frozen=True, forbid_unknown_fields=True)
 class _File(SceneObject, kw_only=True, frozen=True):
     path: str
 
-    def load(self) -> Mesh:
-        return load_mesh(self.path)
+    def load(self) -> Shape:
+        return as_shape(self.path)
 
 
 class _KnownMesh(SceneObject, kw_only=True, frozen=True):
@@ -400,7 +401,8 @@ def _place(found: SceneObject, file: SceneFile, geometries: dict[Any, Geometry])
     surface, matrix = geometries[target.source].shape, target.transform
     if find_hidden([matrix])[0]:
         return np.zeros((0, 4, 4))  # with their surface
-    assert isinstance(surface, Mesh)
+    if not isinstance(surface, Mesh):
+        raise SceneError(f"the object '{found.repeat.on}' has points and no faces: copies need a surface")
     ground = join_nodes(Parts([FileMesh("", surface.vertices, surface.faces)], [Placed("", 0, matrix)]))
     if not np.isfinite(ground.vertices).all():
         raise MeshError(f"the surface of '{found.repeat.on}' has coordinates that are not finite in the scene")

@@ -33,8 +33,13 @@ def write_points(path: str | os.PathLike[str], columns: Mapping[str, NDArray[Any
     if suffix == ".ply":
         write_atomically(target, lambda file: write_ply(file, {"vertex": columns}))
     else:
-        las = _make_las(columns)
-        write_atomically(target, lambda file: las.write(file, do_compress=suffix == ".laz"))
+        las, is_compressed = _make_las(columns), suffix == ".laz"
+        if is_compressed:
+            from laspy import LazBackend
+
+            if not LazBackend.detect_available():
+                raise ConfigError("LAZ files need lazrs: run 'pip install \"clbvh[formats]\"', or write a .las file")
+        write_atomically(target, lambda file: las.write(file, do_compress=is_compressed))
 
 
 def write_ply(file: BinaryIO, elements: Mapping[str, Mapping[str, NDArray[Any]]]) -> None:

@@ -164,6 +164,7 @@ class Renderer(ContextManager):
             if isinstance(source, Tracer):
                 if replace(self._options, validate=False) != RenderOptions():
                     raise ConfigError("a tracer has its device, its layout and its trees: give a renderer none of them")
+                source._caster.calls.check_open()
                 self.tracer, own_view = source, View()
             else:
                 self.tracer, own_view = self._open_tracer(source, guessed.shading, enter, watch)

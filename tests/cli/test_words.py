@@ -31,7 +31,7 @@ VERBS = {
     "render mesh.ply scene.toml -o a.png": "draw a scene file alone",
     "render wrong.toml -o a.png": "object 1",
     "render bunny -o a.png": "clbvh fetch bunny",
-    "turntable mesh.ply -o a.avi": ".gif or .mp4",
+    "turntable mesh.ply -o a.avi": ".gif, .mp4",
     "turntable mesh.ply -o a.gif --projection panorama": "panorama",
     "images mesh.ply -o a.png --channels motion": "--next-camera-file",
     "images mesh.ply -o a.png --camera-file gone.json": "gone.json: no such file",

@@ -179,6 +179,8 @@ class TestRenderersOfTracers:
             with pytest.raises(QueryError, match="the renderer is closed"):
                 ask()
         renderer.close()
+        with pytest.raises(QueryError, match="the tracer is closed"):
+            Renderer(tracer, VIEW)
 
     def test_a_renderer_may_be_closed_while_another_thread_draws(self, tracer):
         renderer, expected = Renderer(tracer, VIEW), clbvh.render(tracer, VIEW)

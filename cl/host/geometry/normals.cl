@@ -36,7 +36,7 @@ loop void measure_faces(
     }
 }
 
-// The mesh around its points, see `VertexFaces`, and what is written: normals at the corners.
+// The mesh around its points, see `CornerFaces`, and what is written: normals at the corners.
 typedef struct {
     const int (*faces)[3];
     const double (*normals)[3];
@@ -67,7 +67,7 @@ static double angle_at(const corners_t *mesh, const long face, const long point)
 
 // Writes the smooth normals at the corners in some points.
 //
-// point_ids, begin, around    see `VertexFaces`
+// point_ids, begin, around    see `CornerFaces`
 // least_cosine        of the normals of two faces that are smoothed over
 // half_cosine         of half that angle
 loop void smooth_corners(

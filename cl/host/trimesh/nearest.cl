@@ -58,7 +58,7 @@ static sight_t see(const mesh_t *mesh, const double3 point, const long face)
 
 // Replaces each face by the one that faces the point most directly, see `choose_facing`.
 //
-// point_ids, begins, around  see `VertexFaces`
+// point_ids, begins, around  see `CornerFaces`
 // squared_tolerance   of squared distances, in local units
 loop void choose(
     const long count, const double points[count][3], const long vertex_count, const double vertices[vertex_count][3],

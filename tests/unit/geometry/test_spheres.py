@@ -200,6 +200,8 @@ class TestPointClouds:
             picture = renderer.render(side="top", up="z", shading="albedo", samples=1)
             assert (picture.rgb[15, 20] == self.RED).all()
             assert any("scan.ply: the points are spheres" in note for note in picture.notes)
+        (tmp_path / "a.toml").write_text('[[object]]\npath = "scan.ply"\n')
+        assert clbvh.open_scene(tmp_path / "a.toml")[0].geometries[0].shape.prim_count == 1200
         with pytest.raises(MeshError, match=r"1,200 vertices but no faces: a point cloud, which clbvh\.Scene takes"):
             clbvh.load_mesh(tmp_path / "scan.ply")
 

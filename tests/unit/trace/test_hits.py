@@ -264,6 +264,8 @@ def test_spheres_of_any_size_and_distance_are_hit_at_their_distance(session):
 def test_saved_hits_are_points_with_their_rays(session, tmp_path, suffix):
     if suffix != ".ply":
         pytest.importorskip("laspy")
+    if suffix == ".laz":
+        pytest.importorskip("lazrs")
     scene = clbvh.Scene()
     ball = scene.add(clbvh.make_shape("icosphere", triangles=320))
     scene.place(ball)
