@@ -152,7 +152,7 @@ class TestRenderersOfTracers:
     def test_they_show_what_it_is_at_now_and_share_its_trees(self, tracer):
         with (
             Renderer(tracer, VIEW) as renderer,
-            Renderer(tracer, VIEW, shading="path", samples=2, smooth=30) as second,
+            Renderer(tracer, VIEW, shading="studio", samples=2, smooth=30) as second,
         ):
             counts = []
             for step in range(6):
@@ -164,7 +164,7 @@ class TestRenderersOfTracers:
                     centre = each.camera.rays_at([[40, 30], [0, 0]], *SIZE)
                     assert hits.t.tobytes() == tracer.closest_hit(*centre).t.tobytes()
                 tracer.set_transforms("moves", clbvh.Transform(translate=(0, step + 1, 0)))
-                tracer.set_vertices("knot", KNOT.vertices * (1 + step / 4))
+                tracer.set_vertices("knot", KNOT.vertices * [1, 1 + step / 4, 1])
                 counts.append([each.buffer_count for each in (tracer._caster.session, second._session)])
             assert renderer.tracer is second.tracer is tracer
             assert counts[3] == counts[4] == counts[5]
