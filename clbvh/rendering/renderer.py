@@ -447,8 +447,8 @@ class Renderer(ContextManager):
 
     def _look(self) -> _Drawn:
         """Return what the tracer is at now."""
-        self._check_open()
         with self._lock:
+            self._check_open()
             if self._drawn.caster.world is not self.tracer._caster.world:
                 drawn = _Drawn.of_tracer(self.tracer, self._session, self._drawn)
                 if self._options.validate:
@@ -514,7 +514,8 @@ class Renderer(ContextManager):
         if self._owns_tracer:
             self.tracer.close()
         # What pictures need beside the world is given back when nothing refers to it.
-        vars(self).pop("_drawn", None)
+        with self._lock:
+            vars(self).pop("_drawn", None)
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self.is_closed:

@@ -139,6 +139,23 @@ def test_closing_waits_for_pictures_of_other_threads():
     assert opened.tracer._caster.session.buffer_count == 0
 
 
+def test_a_thread_that_waits_for_a_closing_renderer_reads_that_it_is_closed():
+    opened, locked = Renderer(KNOT, VIEW), threading.Event()
+
+    def ask():
+        assert locked.wait(60)
+        with pytest.raises(QueryError, match="closed"):
+            _ = opened.mesh
+
+    def close():
+        with opened._lock:
+            locked.set()
+            time.sleep(0.1)  # The other thread comes as far as the lock.
+            opened.close()
+
+    run_in_threads(ask, close)
+
+
 class TestRenderersOfTracers:
     @pytest.fixture
     def tracer(self, session):
