@@ -177,10 +177,10 @@ class Spheres(LocalFrame):
         >>> cloud, cloud.radii[:1].round(2)
         (Spheres('points', count=600), array([1.06]))
         """
-        for of_points, of_colours in (("vertices", "colors"), ("points", "colors")):
-            if hasattr(points, of_points):
-                colours = getattr(points, of_colours, None) if colours is None else colours
-                points = getattr(points, of_points)
+        for attribute in ("vertices", "points"):
+            if hasattr(points, attribute):
+                colours = getattr(points, "colors", None) if colours is None else colours
+                points = getattr(points, attribute)
                 break
         checked = _check_centres(points, name)
         note = ""

@@ -79,7 +79,7 @@ class DrawnScene:
         return self.state.shapes[0] if self.top is None else self.top.shape
 
     def validate(self, leaf_size: int | None) -> None:
-        """Raise `ValidationError` unless all trees are right, with at most so many primitives in a leaf."""
+        """Raise `ValidationError` unless all trees are right; `leaf_size` bounds the primitives of a leaf."""
         for bvh in self.trees:
             validate_tree(bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_size)
         if self.top is not None:
