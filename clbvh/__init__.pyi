@@ -59,9 +59,8 @@ from .support.version import __version__ as __version__
 from .trace.hits.device_hits import DeviceHits as DeviceHits
 from .trace.hits.hits import AllHits as AllHits, Hits as Hits
 from .trace.hits.normals import Normals as Normals
-from .trace.hits.start_points import offset_points as offset_points
 from .trace.pair_queries import ClosestPair as ClosestPair
-from .trace.points.refine import ClosestPoints as ClosestPoints
+from .trace.points.refine import AllClosestPoints as AllClosestPoints, ClosestPoints as ClosestPoints
 from .trace.rays.pieces import Progress as Progress
 from .trace.shards import ShardedTracer as ShardedTracer
 from .trace.tracer import Traceable as Traceable, Tracer as Tracer

@@ -110,8 +110,9 @@ STEPS = np.dtype([("node_steps", "i4"), ("leaf_visits", "i4"), ("prim_tests", "i
 RAY_LOW = np.dtype([("origin", "f4", 3), ("mask", "u4"), ("direction", "f4", 3), ("spare", "f4")])
 
 # A point as it is uploaded, in local coordinates, and what float32 has rounded off it. Only the instances whose mask
-# shares a bit with the point's are visible to it; a lone shape is to all masks but 0, and uses no low part.
-PACKED_POINT = np.dtype([("position", "f4", 3), ("mask", "u4"), ("position_low", "f4", 3), ("spare", "f4")])
+# shares a bit with the point's are visible to it; a lone shape is to all masks but 0, and uses no low part. What is
+# farther away than the limit, rounded up, is not looked for.
+PACKED_POINT = np.dtype([("position", "f4", 3), ("mask", "u4"), ("position_low", "f4", 3), ("limit", "f4")])
 
 # A placed geometry: 128 bytes, two cache lines. Matrices are by rows.
 INSTANCE = np.dtype(

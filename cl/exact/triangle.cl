@@ -112,6 +112,12 @@ APART bool cross_exactly(const ray_t *ray, const int prim_id, const int triangle
     crossing->v = (float)(edge_c / area);
     crossing->prim_id = prim_id;
     crossing->triangle_index = triangle_index;
+    crossing->is_front = (area > 0.0) == (slopes.z > 0.0);
+#if !LONE
+    // Seen in the world, a mirrored triangle is turned.
+    const global double(*rows)[3] = own->instance->to_world;
+    crossing->is_front ^= dot3(load_double3(rows[0]), cross3(load_double3(rows[1]), load_double3(rows[2]))) < 0.0;
+#endif
     set_exact_t(crossing, t);
     return true;
 }
@@ -181,11 +187,13 @@ INLINED void decide_triangle(
             crossing.t_low = 0.0f;
             crossing.prim_id = prim_id;
             crossing.triangle_index = triangle_index;
-            add_sure_crossing(search, crossing, ray, query);
+            if (!is_unseen(search, prim_id, (area > 0.0f) == (ray->shear.z > 0.0f))) {
+                add_sure_crossing(search, crossing, ray, query);
+            }
             return;
         }
     }
-    if (cross_exactly(ray, prim_id, triangle_index, &crossing)) {
+    if (cross_exactly(ray, prim_id, triangle_index, &crossing) && !is_unseen(search, prim_id, crossing.is_front)) {
         add_sure_crossing(search, crossing, ray, query);
     }
 }

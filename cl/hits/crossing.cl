@@ -13,6 +13,7 @@ typedef struct {
 #if EXACT
     float t_low;         // what float32 has rounded off t
     float t_error;       // how far t may be off beside that; 0 where float64 has computed it
+    bool is_front;       // the side that the ray meets, where float64 has computed it
 #endif
 } crossing_t;
 

@@ -19,6 +19,11 @@
 // The number of crossings with faces that are not in `surplus`.
 #define QUERY_PARITY 3
 
+// The sides of primitives that a ray may see; see `SIDES` of clbvh/trace/rays/batch.py.
+#define BOTH_SIDES 0
+#define FRONT_SIDE 1
+#define BACK_SIDE 2
+
 // In the place of a kind where a kernel meets one alone: there IS_TRIANGLES, IS_SPHERES are constants.
 #define ONLY_KIND -1
 
@@ -52,7 +57,10 @@ typedef struct {
     int instance_index;
     int instance_id;
     precise_t t_shift;
+    world_prim_t excluded_prim;  // that the ray does not see, or NO_PRIM
 #endif
+    int excluded;             // the same where it is one of the tree that is traversed
+    int side;                 // of primitives that the ray sees
     int kind;                 // of the primitives of the tree that is traversed
 #if COUNT_STEPS
     steps_t *steps;
@@ -70,11 +78,30 @@ typedef struct {
 INLINED search_t make_search(const int max_count, global kept_hit_t *heap)
 {
 #if !LONE
-    const search_t search = {no_crossing(), 0, max_count, heap, -1, -1, 0.0f};
+    const world_prim_t none = {NO_PRIM, NO_PRIM};
+    const search_t search = {no_crossing(), 0, max_count, heap, -1, -1, 0.0f, none, NO_PRIM, BOTH_SIDES};
 #else
-    const search_t search = {no_crossing(), 0, max_count, heap};
+    const search_t search = {no_crossing(), 0, max_count, heap, NO_PRIM, BOTH_SIDES};
 #endif
     return search;
+}
+
+// Leaves a primitive out, unless that is NULL, and one side of all others.
+INLINED void limit_sight(search_t *search, const int side, const global world_prim_t *excluded)
+{
+    search->side = side;
+    if (excluded) {
+        search->excluded = excluded->prim_id;
+#if !LONE
+        search->excluded_prim = *excluded;
+#endif
+    }
+}
+
+// Whether the ray does not see a primitive, or the side of it that it meets.
+INLINED bool is_unseen(const search_t *search, const int prim_id, const bool is_front)
+{
+    return prim_id == search->excluded || search->side == (is_front ? BACK_SIDE : FRONT_SIDE);
 }
 
 // A crossing as it is kept in the heap.

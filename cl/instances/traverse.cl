@@ -43,7 +43,10 @@ INLINED void visit_instance(
     const ray_t inside = enter_instance(ray, instance, t_max, &t_shift);
 #endif
 
+    const int excluded =
+        search->excluded_prim.instance_id == instance->instance_id ? search->excluded_prim.prim_id : NO_PRIM;
     if (query == QUERY_FIRST) {
+        search->excluded = excluded;
         search->instance_id = instance->instance_id;
         search->t_shift = t_shift;
         search->kind = instance->kind;
@@ -51,6 +54,8 @@ INLINED void visit_instance(
         return;
     }
     search_t own = make_search(search->max_count - search->count, 0);
+    own.excluded = excluded;
+    own.side = search->side;
 #if COUNT_STEPS
     own.steps = search->steps;
 #endif

@@ -13,7 +13,7 @@ kernel void any_hit(WORLD_ARGUMENTS, CAST_ARGUMENTS, global uchar *restrict bloc
         global uchar *own = blocked + ray_id_of(&batch, slot);
         WILL_WRITE(own);
         const world_ray_t ray = load_ray(&batch, slot);
-        search_t search = make_search(1, 0);
+        search_t search = open_search(&batch, slot, 1, 0);
         traverse_world(&world, &ray, true, &search, QUERY_COUNT);
         *own = search.count;
     }

@@ -13,7 +13,7 @@ kernel void closest_hit(WORLD_ARGUMENTS, CAST_ARGUMENTS, global kept_hit_t *rest
     for (int slot = 0; slot < batch.count; slot++) {
         global kept_hit_t *own = hits + ray_id_of(&batch, slot);
         WILL_WRITE(own);
-        search_t search = make_search(1, 0);
+        search_t search = open_search(&batch, slot, 1, 0);
         // Before the ray is loaded and prepared: many tiles of a picture meet nothing.
         if (!meets_nothing(&world.start)) {
             const world_ray_t ray = load_ray(&batch, slot);

@@ -14,7 +14,7 @@ kernel void count_hits(WORLD_ARGUMENTS, CAST_ARGUMENTS, global int *restrict cou
         global int *own = counts + ray_id_of(&batch, slot);
         WILL_WRITE(own);
         const world_ray_t ray = load_ray(&batch, slot);
-        search_t search = make_search(max_hits, 0);
+        search_t search = open_search(&batch, slot, max_hits, 0);
         traverse_world(&world, &ray, true, &search, QUERY_COUNT);
         *own = search.count;
     }

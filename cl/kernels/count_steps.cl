@@ -14,7 +14,7 @@ kernel void count_steps(WORLD_ARGUMENTS, CAST_ARGUMENTS, global steps_t *restric
     for (int slot = 0; slot < batch.count; slot++) {
         const world_ray_t ray = load_ray(&batch, slot);
         steps_t counted = {0, 0, 0, NO_PRIM};
-        search_t search = make_search(1, 0);
+        search_t search = open_search(&batch, slot, 1, 0);
         search.steps = &counted;
         traverse_world(&world, &ray, true, &search, QUERY_CLOSEST);
         counted.prim_id = search.nearest.prim_id;

@@ -16,7 +16,7 @@ kernel void first_hits(WORLD_ARGUMENTS, CAST_ARGUMENTS, global kept_hit_t *restr
     for (int slot = 0; slot < batch.count; slot++) {
         global kept_hit_t *own = hits + (size_t)ray_id_of(&batch, slot) * slots;
         const world_ray_t ray = load_ray(&batch, slot);
-        search_t search = make_search(slots, own);
+        search_t search = open_search(&batch, slot, slots, own);
         traverse_world(&world, &ray, true, &search, QUERY_FIRST);
         sort_hits(&search);
         if (search.count < slots) {

@@ -105,10 +105,9 @@ INLINED bool choose_prims(
     }
     for (int number = 0; number < count; number++) {
         const candidate_t *chosen = candidates + number;
-        const closest_t closest = find_closest(world, point, chosen->instance_id, chosen->prim_id);
-        vstore3(closest.point, slot + number, found->closest);
-        found->prim_ids[slot + number] = chosen->prim_id;
-        found->instance_ids[slot + number] = chosen->instance_id;
+        const double distance = found->distances[slot + number];
+        write_closest(world, point, chosen->instance_id, chosen->prim_id, found, slot + number);
+        found->distances[slot + number] = distance;
     }
     const double least_left = t_of(hits, first) / world->box.scale;
     return prim_of(hits, first + room - 1) != NO_PRIM && least_left <= farthest + TIE_SHARE * (size + farthest)

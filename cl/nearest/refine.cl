@@ -5,6 +5,7 @@
 #include "hits/surfaces.cl"
 #include "math/doubles.cl"
 #include "rays/pack.cl"
+#include "spheres/crossing.cl"
 #include "triangles/closest.cl"
 #define IN_DOUBLES
 #include "nearest/ellipsoid.cl" // again, in doubles
@@ -22,15 +23,16 @@
 //
 // surfaces                    `SurfaceArrays.addresses`
 // ellipsoid_axes[][9], half_lengths[][3]    of the ellipsoids that instances make of a sphere, see `Metrics`
-// distances[], closest[][3], prim_ids[], instance_ids[]    written: `FoundPoints`
+// distances[], closest[][3], us[], vs[], prim_ids[], instance_ids[]    written: `FoundPoints`
 #define REFINED_ARGUMENTS \
     const global ulong *restrict surfaces, const global double *restrict ellipsoid_axes, \
     const global double *restrict half_lengths, global double *restrict distances, global double *restrict closest, \
-    global int *restrict prim_ids, global int *restrict instance_ids
+    global double *restrict us, global double *restrict vs, global int *restrict prim_ids, \
+    global int *restrict instance_ids
 
 // From these arguments, and box[7] of the world.
 #define WIDE_WORLD {surfaces_on_host(surfaces), ellipsoid_axes, half_lengths, load_tree_box(box)}
-#define FOUND_POINTS {distances, closest, prim_ids, instance_ids}
+#define FOUND_POINTS {distances, closest, us, vs, prim_ids, instance_ids}
 
 // A world in double, as points see it.
 typedef struct {
@@ -40,15 +42,19 @@ typedef struct {
     tree_box_t box;
 } wide_world_t;
 
-// The closest point of a primitive in the world's coordinates, and its distance.
+// The closest point of a primitive in the world's coordinates, and its distance; and of a triangle the weights of its
+// corners, of a sphere the way from its centre.
 typedef struct {
     double3 point;
     double distance;
+    double3 place;
 } closest_t;
 
 typedef struct {
     double *distances;
     double *closest;
+    double *us;
+    double *vs;
     int *prim_ids;
     int *instance_ids;
 } found_points_t;
@@ -107,7 +113,8 @@ close_to_triangle(const wide_world_t *world, const double3 point, const int inst
         on_triangle = place_wide_point(surfaces, instance, on_triangle);
     }
     const closest_t closest = {
-        on_triangle, is_far ? far_distance(point, on_triangle, reach) : sqrt(on_corners.squared) / scale};
+        on_triangle, is_far ? far_distance(point, on_triangle, reach) : sqrt(on_corners.squared) / scale,
+        on_corners.weights};
     return closest;
 }
 
@@ -132,11 +139,12 @@ close_to_sphere(const wide_world_t *world, const double3 point, const int instan
     const double3 shares = closest_shares(position, scaled_lengths);
     const double3 away = position - shares * scaled_lengths;
 
-    closest_t closest = {centre, 0.0};
+    closest_t closest = {centre, 0.0, (double3)(0.0)};
     for (int row = 0; row < 3; row++) {
         const double sign = along[row] < 0.0 ? -1.0 : 1.0;
-        closest.point += sign * shares[row] * lengths[row] * load_wide_row(world->ellipsoid_axes, 3 * instance + row);
+        closest.place += sign * shares[row] * lengths[row] * load_wide_row(world->ellipsoid_axes, 3 * instance + row);
     }
+    closest.point += closest.place;
     closest.distance = is_far
         ? far_distance(point, closest.point, reach)
         : times_power_of_two(sqrt(dot3(away, away)), exponent);
@@ -148,7 +156,7 @@ INLINED closest_t
 find_closest(const wide_world_t *world, const double3 point, const int instance, const int prim)
 {
     if (prim == NO_PRIM) {
-        const closest_t none = {(double3)(NAN), INFINITY};
+        const closest_t none = {(double3)(NAN), INFINITY, (double3)(0.0)};
         return none;
     }
     if (IS_SPHERES(world->surfaces.kind[world->surfaces.geometry_id[instance]])) {
@@ -157,12 +165,23 @@ find_closest(const wide_world_t *world, const double3 point, const int instance,
     return close_to_triangle(world, point, instance, prim);
 }
 
+// The coordinates u and v of a closest point, see `Hits`; 0 of none.
+INLINED double2 find_uv(const wide_world_t *world, const closest_t *closest, const int instance, const int prim)
+{
+    if (prim == NO_PRIM || IS_TRIANGLES(world->surfaces.kind[world->surfaces.geometry_id[instance]])) {
+        return closest->place.yz;
+    }
+    return sphere_uv(unit_of_any(multiply(world->surfaces.inverse, instance, closest->place)));
+}
+
 // Asks for the places of a closest point before it is looked for.
 INLINED void will_write_closest(const found_points_t *found, const long slot)
 {
     WILL_WRITE(found->distances + slot);
     WILL_WRITE(found->closest + 3 * slot);
     WILL_WRITE(found->closest + 3 * slot + 2);
+    WILL_WRITE(found->us + slot);
+    WILL_WRITE(found->vs + slot);
     WILL_WRITE(found->prim_ids + slot);
     WILL_WRITE(found->instance_ids + slot);
 }
@@ -174,8 +193,11 @@ INLINED void write_closest(
     const long slot)
 {
     const closest_t closest = find_closest(world, point, instance, prim);
+    const double2 uv = find_uv(world, &closest, instance, prim);
     found->distances[slot] = closest.distance;
     vstore3(closest.point, slot, found->closest);
+    found->us[slot] = uv.x;
+    found->vs[slot] = uv.y;
     found->prim_ids[slot] = prim;
     found->instance_ids[slot] = instance;
 }

@@ -146,6 +146,13 @@ INLINED void limit_distance(nearest_t *nearest, const float distance)
     nearest->distance_squared = most * most + FLT_MIN;
 }
 
+// Adds to a limit in the point's own distance what rounding may add to that of a primitive.
+INLINED void grow_limit(nearest_t *nearest)
+{
+    nearest->distance = (nearest->distance + nearest->metric.slack) * BOX_GROWTH;
+    nearest->distance_squared = nearest->distance * nearest->distance + FLT_MIN;
+}
+
 // Whether a primitive in a box may be as near as the nearest so far; *distance_squared is that of the box.
 #ifndef WIDTH
 INLINED bool may_be_nearer(

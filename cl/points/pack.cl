@@ -17,6 +17,12 @@ INLINED bool is_finite_point(const double3 local_point)
     return nothing.x == 0.0 && nothing.y == 0.0 && nothing.z == 0.0;
 }
 
+// How far away a primitive may be in local coordinates, rounded up, given the same in the file's unit.
+INLINED float localize_limit(const double limit, const tree_box_t *box)
+{
+    return (float)(limit * box->scale) * (1.0f + 0x1p-20f) + FLT_MIN;
+}
+
 // Moves a point in local coordinates that is far away towards the centre, see `FAR_POINT_SHARE`.
 INLINED double3 come_near(const double3 local_point, const tree_box_t *box)
 {

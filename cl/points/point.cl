@@ -1,4 +1,5 @@
-// A point as devices look it up: in the world's local coordinates, as a pair of float32, and its mask.
+// A point as devices look it up: in the world's local coordinates, as a pair of float32, its mask, and how far away a
+// primitive may be.
 
 #include "structs.cl"
 #include "math/pairs.cl"
@@ -7,6 +8,7 @@ typedef struct {
     float3 position;
     float3 position_low;
     uint mask;
+    float limit;
 } point_pair_t;
 
 #if !LONE

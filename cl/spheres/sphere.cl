@@ -136,12 +136,13 @@ INLINED void intersect_sheared_origin(
     const float t_out = (chord.unit * chord.way_out - sheared.z) * ray->shear.z;
 #endif
 
-    const bool enters = t_in >= ray->t_min && t_in <= ray->t_max;
+    const bool enters = t_in >= ray->t_min && t_in <= ray->t_max && !is_unseen(search, prim_id, true);
     if (enters) {
         add_sphere_crossing(t_in, false, prim_id, sphere_index, search, query);
     }
     // Of the closest crossing, the first one decides.
-    if (!(query == QUERY_CLOSEST && enters) && t_out >= ray->t_min && t_out <= ray->t_max) {
+    if (!(query == QUERY_CLOSEST && enters) && t_out >= ray->t_min && t_out <= ray->t_max
+        && !is_unseen(search, prim_id, false)) {
         add_sphere_crossing(t_out, true, prim_id, sphere_index, search, query);
     }
 }

@@ -111,7 +111,7 @@ INLINED bool is_in_world(const world_t *world, const surplus_t *surplus, const p
 INLINED world_prim_t find_deepest(
     const world_t *world, const surplus_t *surplus, const global metric_record_t *metrics, const point_pair_t *point)
 {
-    world_nearest_t deepest = no_world_nearest(no_heap());
+    world_nearest_t deepest = no_world_nearest(point, no_heap());
 #if LONE
     const bool is_inside = is_in_world(world, surplus, point);
     return is_inside ? find_world_nearest(world, metrics, point, no_heap()).prim : deepest.prim;
@@ -121,7 +121,7 @@ INLINED world_prim_t find_deepest(
     int index;
     while ((index = next_around(world, surplus, &walk, point)) >= 0) {
         const global instance_t *instance = world->instances + index;
-        world_nearest_t nearest = no_world_nearest(no_heap());
+        world_nearest_t nearest = no_world_nearest(point, no_heap());
         visit_instance_near(world, instance, metrics, point, &nearest);
         const bool is_first = deepest.prim.prim_id == NO_PRIM;
         const bool wins_tie = instance->instance_id < deepest.prim.instance_id;

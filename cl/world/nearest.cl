@@ -19,9 +19,11 @@ typedef struct {
     near_heap_t kept;
 } world_nearest_t;
 
-INLINED world_nearest_t no_world_nearest(const near_heap_t heap)
+// Nothing yet, for a point that looks no farther than its limit.
+INLINED world_nearest_t no_world_nearest(const point_pair_t *point, const near_heap_t heap)
 {
-    const world_nearest_t none = {INFINITY, {NO_PRIM, NO_PRIM}, heap};
+    world_nearest_t none = {point->limit, {NO_PRIM, NO_PRIM}, heap};
+    none.kept.limit = point->limit;
     return none;
 }
 
@@ -40,6 +42,9 @@ INLINED void visit_instance_near(
     nearest.instance_id = instance->instance_id;
     nearest.kept = best->kept;
     limit_distance(&nearest, best->distance);
+    if (best->prim.prim_id == NO_PRIM) {
+        grow_limit(&nearest);
+    }
     find_nearest(
         world->nodes + instance->first_node, find_blocks(instance, world->blocks),
         instance->block_count, &nearest);
@@ -53,7 +58,7 @@ INLINED void visit_instance_near(
     }
     const float distance = nearest.distance / nearest.metric.unit;
     const bool wins_tie = best->prim.prim_id == NO_PRIM || instance->instance_id < best->prim.instance_id;
-    if (distance < best->distance || (distance == best->distance && wins_tie)) {
+    if (distance < best->distance || (distance == best->distance && wins_tie) || best->prim.prim_id == NO_PRIM) {
         best->distance = distance;
         best->prim.prim_id = nearest.prim_id;
         best->prim.instance_id = instance->instance_id;
@@ -84,13 +89,15 @@ INLINED bool may_instance_be_nearer(
 INLINED world_nearest_t find_world_nearest(
     const world_t *world, const global metric_record_t *metrics, const point_pair_t *point, const near_heap_t heap)
 {
-    world_nearest_t best = no_world_nearest(heap);
+    world_nearest_t best = no_world_nearest(point, heap);
 #if LONE
     if (point->mask == 0) {
         return best;
     }
     nearest_t nearest = make_nearest(make_lone_metric(point->position), ONLY_KIND);
-    nearest.kept = heap;
+    nearest.kept = best.kept;
+    limit_distance(&nearest, point->limit);
+    grow_limit(&nearest);
     find_nearest(world->nodes, world->blocks.own, world->block_count, &nearest);
     best.prim.prim_id = nearest.prim_id;
     best.prim.instance_id = nearest.prim_id == NO_PRIM ? NO_PRIM : 0;

@@ -12,6 +12,8 @@
 //
 // order[ray_count]            see rays/batch.cl
 // tiles[], entry_points[]     where the rays of each tile begin, see world/starts.cl. NULL: all begin at the root
+// side                        of primitives that rays see, see hits/search.cl
+// excluded[ray_count]         the primitive that each ray does not see; NULL: none
 
 // keep: the kernels of rays use it
 #include "rays/batch.cl"
@@ -23,7 +25,7 @@
 
 #define CAST_ARGUMENTS \
     RAY_ARGUMENTS, const global int *restrict order, const global tile_t *restrict tiles, \
-    const global node_t *restrict entry_points
+    const global node_t *restrict entry_points, const int side, const global world_prim_t *restrict excluded
 
 // Prefetch distance in rays: in the same row of a picture, three tiles on.
 #define PREFETCH_RAYS 24
@@ -37,13 +39,16 @@ typedef struct {
     const global ray_rest_t *lows;
     int low_step;
     const global int *order;
+    int side;
+    const global world_prim_t *excluded;
 } batch_t;
 
 INLINED batch_t make_batch(
     const start_t start, const int ray_index, const global packed_ray_t *rays, const global ray_rest_t *lows,
-    const int low_step, const global int *order)
+    const int low_step, const global int *order, const int side, const global world_prim_t *excluded)
 {
-    const batch_t batch = {start, ray_index == NO_RAY ? 0 : 1, ray_index, rays, lows, low_step, order};
+    const batch_t batch = {
+        start, ray_index == NO_RAY ? 0 : 1, ray_index, rays, lows, low_step, order, side, excluded};
     return batch;
 }
 
@@ -51,12 +56,22 @@ INLINED batch_t make_batch(
 #define OPEN_BATCH \
     const batch_t batch = make_batch( \
         find_start(nodes, tiles, entry_points, TILE_INDEX), \
-        find_ray_index(get_global_id(0), get_global_id(1), ray_count, row_length), rays, lows, low_step, order)
+        find_ray_index(get_global_id(0), get_global_id(1), ray_count, row_length), rays, lows, low_step, order, \
+        side, excluded)
 
 // The number by which the results of a ray are written.
 INLINED int ray_id_of(const batch_t *batch, const int slot)
 {
     return batch->order ? batch->order[batch->ray_index] : batch->ray_index;
+}
+
+// A search for hits of a ray, see make_search.
+INLINED search_t
+open_search(const batch_t *batch, const int slot, const int max_count, global kept_hit_t *heap)
+{
+    search_t search = make_search(max_count, heap);
+    limit_sight(&search, batch->side, batch->excluded ? batch->excluded + batch->ray_index : 0);
+    return search;
 }
 
 // Loads a ray of the batch, and asks for a later one.

@@ -401,21 +401,6 @@ class Mesh(LocalFrame):
         """Number of triangles without area."""
         return int(self.degenerate_faces.sum())
 
-    def offset_points(self, face_ids: ArrayLike, barycentrics: ArrayLike, towards: ArrayLike) -> NDArray[np.float64]:
-        """Return (..., 3) float64: points of the surface to start rays from in a direction; see `clbvh.offset_points`.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> square = clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-        >>> points = square.offset_points([0, 1], [1 / 3, 1 / 3, 1 / 3], [0, 0, 1])
-        >>> clbvh.Tracer(square).any_hit(points, [0, 0, 1])
-        array([False, False])
-        """
-        import clbvh  # whose function it is: a mesh knows nothing of rays
-
-        return clbvh.offset_points(self, face_ids, barycentrics, towards)
-
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the mesh to a file: completely or not at all.
 

@@ -62,11 +62,13 @@ class HostItems(NamedTuple):
             row_length, width, height = count, settings.work_group_size, 1
         arrays, axes, bad = batch.arrays, begin_at(batch.axes, piece.begin), ALL_GOOD.copy()
         # Kernels read the user's arrays with any strides.
-        used = *arrays, axes, world.box_numbers, order, bad
-        origins, directions, t_mins, t_maxs, masks, axes_at, box, order_at, bad_at = find_addresses(used)
+        excluded = None if batch.excluded is None else batch.excluded[piece.begin :]
+        used = *arrays, axes, world.box_numbers, order, bad, excluded
+        origins, directions, t_mins, t_maxs, masks, axes_at, box, order_at, bad_at, excluded_at = find_addresses(used)
         numbers = (
             origins, directions, t_mins, t_maxs, masks, batch.doubles, axes_at, len(axes) - 2, count, box, order_at,
             not in_ray_order, row_length, width, height, piece.is_coherent and world.has_entry_points, bad_at,
+            batch.side, excluded_at,
         )  # fmt: skip
         tiles = -(-row_length // width), -(-count // (row_length * height)), 1
         return cls(numbers, tiles, bad, used, partial(_explain_ray, batch, piece, world.box))

@@ -11,14 +11,25 @@ from numbers import Integral
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ClbvhWarning, ConfigError, OpenMeshWarning
+from ..errors import ClbvhWarning, ConfigError, OpenMeshWarning, QueryError
 from ..scene.handles import Geometry, Instances
 from .launch import Caster, HasCaster
 from .points.ambient_occlusion import Hemispheres, check_sampling, find_open_shares
 from .points.batch import SeenPoints
-from .points.queries import find_closest, find_contained, find_nearest_points, find_signed
-from .points.refine import ClosestPoints
+from .points.queries import (
+    find_closest,
+    find_contained,
+    find_in_boxes,
+    find_nearest_points,
+    find_signed,
+    find_within,
+)
+from .points.refine import AllClosestPoints, ClosestPoints
+from .rays.batch import broadcast_shape, read_vectors
 from .rays.pieces import Progress
+
+# By how much more of its size, and of its coordinates, the sphere around a box is searched.
+_BOX_ROOM = 2.0**-40
 
 
 class PointQueries(HasCaster):
@@ -34,6 +45,7 @@ class PointQueries(HasCaster):
         mask: ArrayLike | None = None,
         geometry: Geometry | str | None = None,
         instance: Instances | None = None,
+        max_distance: ArrayLike = np.inf,
         progress: Progress | None = None,
     ) -> ClosestPoints:
         """Return the closest point of the surface for each point.
@@ -48,6 +60,8 @@ class PointQueries(HasCaster):
             Of the tracer's scene: only its instances are seen.
         instance : Instance, int or str, or several, optional
             Of the tracer's scene, by handle, id or name: only they are seen.
+        max_distance : float or (...,) float, the scene's unit
+            Broadcast to the points. What is farther away is not looked for, which takes less time.
         progress : function, optional
             Called with the number of points that are done, and of all points, after each piece of the work.
 
@@ -55,21 +69,22 @@ class PointQueries(HasCaster):
         -------
         ClosestPoints
             Distance, point and primitive, in the leading shape of the points, in float64; of a scene also the ids of
-            the geometry and of the instance. On an edge or a vertex, the smallest face number there; of equally near
-            instances the smallest, as far as float32 can tell. Degenerate triangles have no closest point. Where
-            nothing is seen, the distance is infinite.
+            the geometry and of the instance; u, v, normals and `interpolate` as of `Hits`. On an edge or a vertex, the
+            smallest face number there; of equally near instances the smallest, as far as float32 can tell. Degenerate
+            triangles have no closest point. Where nothing is seen so near, the distance is infinite.
 
         Raises
         ------
         QueryError
-            Wrong shape, or a value that is not finite: the message names the first bad point. Or the tracer is closed.
+            Wrong shape, a value that is not finite, or a negative max_distance: the message names the first bad point.
+            Or the tracer is closed.
         SceneError
             The geometry or the instance is not one of the scene.
 
         Notes
         -----
-        Distances are those of the scene under any transform, with which spheres may become ellipsoids. A point of a
-        sphere's surface has no u and v; the middle of a sphere has one of the closest points.
+        Distances are those of the scene under any transform, with which spheres may become ellipsoids. The
+        middle of a sphere has one of the closest points.
 
         Examples
         --------
@@ -94,7 +109,7 @@ class PointQueries(HasCaster):
         >>> tracer.closest_point([2, 0, 0], instance=right).distance
         array(2.)
         """
-        caster, seen = self._caster, self._see(points, mask, geometry, instance)
+        caster, seen = self._caster, self._see(points, mask, geometry, instance, max_distance)
         return find_closest(caster, seen, progress)
 
     def closest_points(
@@ -105,13 +120,14 @@ class PointQueries(HasCaster):
         mask: ArrayLike | None = None,
         geometry: Geometry | str | None = None,
         instance: Instances | None = None,
+        max_distance: ArrayLike = np.inf,
         progress: Progress | None = None,
     ) -> ClosestPoints:
         """Return the k nearest primitives of each point, nearest first, with the closest point of each.
 
         Parameters
         ----------
-        points, mask, geometry, instance, progress
+        points, mask, geometry, instance, max_distance, progress
             As in `closest_point`.
         k : int
             At least 1.
@@ -150,8 +166,112 @@ class PointQueries(HasCaster):
         """
         if not isinstance(k, Integral) or isinstance(k, bool) or k < 1:
             raise ConfigError(f"k must be an integer of at least 1, not {k!r}")
-        caster, seen = self._caster, self._see(points, mask, geometry, instance)
+        caster, seen = self._caster, self._see(points, mask, geometry, instance, max_distance)
         return find_nearest_points(caster, seen, int(k), progress)
+
+    def prims_within(
+        self,
+        points: ArrayLike,
+        distance: ArrayLike,
+        *,
+        mask: ArrayLike | None = None,
+        geometry: Geometry | str | None = None,
+        instance: Instances | None = None,
+        progress: Progress | None = None,
+    ) -> AllClosestPoints:
+        """Return all primitives within a distance of each point, nearest first, with the closest point of each.
+
+        Parameters
+        ----------
+        points, mask, geometry, instance, progress
+            As in `closest_point`.
+        distance : float or (...,) float, the scene's unit
+            Broadcast to the points.
+
+        Returns
+        -------
+        AllClosestPoints
+            As of `closest_points`, grouped by point; ``counts`` are the numbers of primitives.
+
+        Raises
+        ------
+        QueryError, SceneError
+            As in `closest_point`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> terrain = clbvh.make_shape("terrain", triangles=2000)
+        >>> near = clbvh.Tracer(terrain).prims_within(terrain.vertices[[0, 500]], 1e-9)
+        >>> near.counts  # faces around a corner of the terrain, and around a vertex
+        array([1, 6])
+        """
+        caster, seen = self._caster, self._see(points, mask, geometry, instance, distance)
+        return find_within(caster, seen, progress)
+
+    def prims_in_boxes(
+        self,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        *,
+        mask: ArrayLike | None = None,
+        geometry: Geometry | str | None = None,
+        instance: Instances | None = None,
+        progress: Progress | None = None,
+    ) -> AllClosestPoints:
+        """Return all primitives that meet each of some upright boxes, or touch them.
+
+        Parameters
+        ----------
+        lower, upper : (..., 3) float, the scene's coordinates
+            The corners of the boxes, broadcast against each other.
+        mask, geometry, instance, progress
+            As in `closest_point`.
+
+        Returns
+        -------
+        AllClosestPoints
+            Grouped by box, with the points that are closest to the middle of the box; ``counts`` are the numbers of
+            primitives. Spheres are surfaces and what is inside of them.
+
+        Raises
+        ------
+        QueryError
+            As in `closest_point`, or a box whose upper corner is below its lower one.
+        SceneError
+            As in `closest_point`.
+
+        Notes
+        -----
+        Decided in float64, for triangles by the theorem of separating axes (Akenine-Moeller, "Fast 3D triangle-box
+        overlap testing", 2001). Time and memory are those of all primitives in the sphere around the box, so of a flat
+        box they are more than of a cube.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> cube = clbvh.Tracer(trimesh.creation.box())  # from -0.5 to 0.5
+        >>> cube.prims_in_boxes([[0.4, -0.1, -0.1], [-0.1, -0.1, -0.1]], [[0.6, 0.1, 0.1], [0.1, 0.1, 0.1]]).counts
+        array([2, 0])
+        """
+        corners = [
+            read_vectors(corner, name).astype(np.float64) for corner, name in ((lower, "lower"), (upper, "upper"))
+        ]
+        try:
+            shape = broadcast_shape(corners[0].shape[:-1], corners[1].shape[:-1])
+        except ValueError:
+            raise QueryError(
+                f"lower {corners[0].shape} and upper {corners[1].shape} must have shapes that broadcast"
+            ) from None
+        below, above = (np.broadcast_to(corner, (*shape, 3)).reshape(-1, 3) for corner in corners)
+        half = (above - below) / 2
+        if not (half >= 0).all():
+            raise QueryError(f"box {int(np.argmin((half >= 0).all(axis=1)))} has no upper corner above its lower one")
+        # Rounded up: the boxes themselves decide.
+        radius = np.linalg.norm(half, axis=1) * (1 + _BOX_ROOM) + np.abs(below).max(axis=1, initial=0) * _BOX_ROOM
+        caster, seen = self._caster, self._see(below + half, mask, geometry, instance, radius)
+        return find_in_boxes(caster, np.ascontiguousarray(below), np.ascontiguousarray(above), seen, progress)
 
     def contains(
         self,
@@ -313,12 +433,13 @@ class PointQueries(HasCaster):
         mask: ArrayLike | None,
         geometry: Geometry | str | None,
         instance: Instances | None,
+        max_distance: ArrayLike = np.inf,
     ) -> SeenPoints:
         """Return points with the instances that are visible to them."""
         chosen = None
         if geometry is not None or instance is not None:
             chosen = self._changes.choose_instances(geometry, instance)
-        return SeenPoints.read(points, mask, chosen)
+        return SeenPoints.read(points, mask, chosen, max_distance)
 
     def _warn_if_open(self, query: str, caster: Caster, seen: SeenPoints) -> None:
         """Warn once that a mesh has no inside, on behalf of the public method `query`."""

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..device.info import DeviceInfo
 from ..geometry.arrays import is_device_array, wait_for
 from ..kinds import TRIANGLES
-from ..structs import FAR_RADII, NEAR_SHARE, PACKED_RAY, RAY_LOW, STEPS
+from ..structs import FAR_RADII, NEAR_SHARE, PACKED_RAY, RAY_LOW, STEPS, WORLD_PRIM
 from ..support.say_once import say_once
 from .host_items import HostItems
 from .launch import Batch, Call, Caster, Query
@@ -139,10 +139,14 @@ def put_rays(call: Call, batch: RayBatch, piece: Piece, *, in_ray_order: bool = 
     if piece.is_coherent and call.world.has_entry_points:
         kernel = call.caster.kernel(TILE_KERNEL)
         starts = find_entry_points(call.session, call.world, kernel, call.take, work_size, work_group, **described)
-    order = None
+    order = excluded = None
     if piece.order is not None and in_ray_order:
         order = call.fill("order", piece.order.dtype, count, partial(_copy, piece.order))
-    return Batch(count, work_size, work_group, described | starts | {"order": order}, arrays)
+    if batch.excluded is not None:
+        of_piece = batch.excluded[piece.begin : piece.end][slice(None) if piece.order is None else piece.order]
+        excluded = call.fill("excluded", WORLD_PRIM, count, partial(_copy, of_piece))
+    sight = {"order": order, "side": np.int32(batch.side), "excluded": excluded}
+    return Batch(count, work_size, work_group, described | starts | sight, arrays)
 
 
 def _put_arrays(call: Call, batch: RayBatch, piece: Piece) -> dict[str, Any]:

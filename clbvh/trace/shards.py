@@ -39,8 +39,8 @@ from .points.batch import SeenPoints, take_points
 from .points.queries import POINT_BYTES
 from .points.refine import ClosestPoints, FoundPoints, refine_points
 from .points.search import Points, look_up
-from .ray_queries import check_max_hits
-from .rays.batch import Broadcast, RayBatch, check_room, read_unmasked_rays
+from .ray_queries import Excluded, Origins, check_max_hits
+from .rays.batch import Broadcast, RayBatch, check_room, find_origins, read_unmasked_rays
 from .rays.pack import pack_rays
 from .rays.pieces import CHUNK_RAYS, Progress
 from .world.surface_arrays import SurfacePoints, make_surface_arrays
@@ -181,8 +181,9 @@ class ShardedTracer(ContextManager):
             self._session.close()
 
     def closest_hit(
-        self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
-        mask: ArrayLike | None = None, progress: Progress | None = None,
+        self, origins: Origins, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None, side: str | None = None, exclude: Excluded = None,
+        progress: Progress | None = None,
     ) -> Hits:  # fmt: skip
         """Return the nearest hit of each ray; see `Tracer.closest_hit`.
 
@@ -204,7 +205,7 @@ class ShardedTracer(ContextManager):
         >>> hits.t.round(2), hits.normals.round(1)[1]
         (array([4.  , 4.03]), array([0. , 0.2, 1. ]))
         """
-        batch = read_unmasked_rays(origins, directions, t_min, t_max, mask)
+        batch = _read_rays(origins, directions, t_min, t_max, mask, side, exclude)
         count = batch.ray_count
         check_room(count, _HIT_BYTES)
         hits = RefinedHits.make(count)
@@ -215,8 +216,9 @@ class ShardedTracer(ContextManager):
         return hits.reshape(*batch.shape).as_hits(ShardedSurface(self.shards))
 
     def closest_prim(
-        self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
-        mask: ArrayLike | None = None, progress: Progress | None = None,
+        self, origins: Origins, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None, side: str | None = None, exclude: Excluded = None,
+        progress: Progress | None = None,
     ) -> NDArray[np.int32]:  # fmt: skip
         """Return (...,) int32: the face that `closest_hit` finds, -1 on a miss.
 
@@ -228,12 +230,15 @@ class ShardedTracer(ContextManager):
         ...     tracer.closest_prim([[0.1, 0.2, 5], [3, 3, 5]], [0, 0, -1])
         array([151,  -1], dtype=int32)
         """
-        hits = self.closest_hit(origins, directions, t_min=t_min, t_max=t_max, mask=mask, progress=progress)
+        hits = self.closest_hit(
+            origins, directions, t_min=t_min, t_max=t_max, mask=mask, side=side, exclude=exclude, progress=progress
+        )
         return hits.prim_id
 
     def any_hit(
-        self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
-        mask: ArrayLike | None = None, progress: Progress | None = None,
+        self, origins: Origins, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None, side: str | None = None, exclude: Excluded = None,
+        progress: Progress | None = None,
     ) -> NDArray[np.bool_]:  # fmt: skip
         """Return (...,) bool: whether each ray hits anything. Errors are those of `closest_hit`.
 
@@ -246,19 +251,29 @@ class ShardedTracer(ContextManager):
         array([ True, False])
         """
         counts = self.count_hits(
-            origins, directions, t_min=t_min, t_max=t_max, max_hits=1, mask=mask, progress=progress
+            origins,
+            directions,
+            t_min=t_min,
+            t_max=t_max,
+            max_hits=1,
+            mask=mask,
+            side=side,
+            exclude=exclude,
+            progress=progress,
         )
         return np.asarray(counts > 0)
 
     def count_hits(
         self,
-        origins: ArrayLike,
+        origins: Origins,
         directions: ArrayLike,
         *,
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
         max_hits: int | None = None,
         mask: ArrayLike | None = None,
+        side: str | None = None,
+        exclude: Excluded = None,
         progress: Progress | None = None,
     ) -> NDArray[np.int32]:
         """Return (...,) int32: the number of hits of each ray, `max_hits` at most; see `Tracer.count_hits`.
@@ -274,7 +289,7 @@ class ShardedTracer(ContextManager):
         array([2, 0], dtype=int32)
         """
         limit = check_max_hits(max_hits)
-        batch = read_unmasked_rays(origins, directions, t_min, t_max, mask)
+        batch = _read_rays(origins, directions, t_min, t_max, mask, side, exclude)
         counts, most = np.zeros(batch.ray_count, np.int32), limit or NO_LIMIT
         limits = np.full(batch.ray_count, np.inf, np.float32)
 
@@ -288,13 +303,15 @@ class ShardedTracer(ContextManager):
 
     def all_hits(
         self,
-        origins: ArrayLike,
+        origins: Origins,
         directions: ArrayLike,
         *,
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
         max_hits: int | None = None,
         mask: ArrayLike | None = None,
+        side: str | None = None,
+        exclude: Excluded = None,
         progress: Progress | None = None,
     ) -> AllHits:
         """Return all hits, grouped by ray and sorted by t, at most `max_hits` of each; see `Tracer.all_hits`.
@@ -310,7 +327,7 @@ class ShardedTracer(ContextManager):
         array([4.03, 5.97])
         """
         limit = check_max_hits(max_hits)
-        batch = read_unmasked_rays(origins, directions, t_min, t_max, mask)
+        batch = _read_rays(origins, directions, t_min, t_max, mask, side, exclude)
         limits = np.full(batch.ray_count, np.inf, np.float32)
         parts = [(np.empty(0, np.int64), np.empty(0, np.float32), RefinedHits.make(0))]
         compare, visit = partial(_compare_rays, self._session), partial(_cross, limit=limit, parts=parts)
@@ -330,8 +347,9 @@ class ShardedTracer(ContextManager):
         return AllHits(**vars(of_rays), offsets=running_sums(counts))
 
     def closest_point(
-        self, points: ArrayLike, *, mask: ArrayLike | None = None, progress: Progress | None = None
-    ) -> ClosestPoints:
+        self, points: ArrayLike, *, mask: ArrayLike | None = None, max_distance: ArrayLike = np.inf,
+        progress: Progress | None = None,
+    ) -> ClosestPoints:  # fmt: skip
         """Return the closest point of the surface for each point; see `Tracer.closest_point`.
 
         Errors are those of `closest_hit`.
@@ -344,19 +362,18 @@ class ShardedTracer(ContextManager):
         ...     tracer.closest_point([[0, 0, 5], [0, 3, 0]]).distance.round(2)
         array([4., 2.])
         """
-        seen = SeenPoints.read(points, mask)
+        seen = SeenPoints.read(points, mask, max_distance=max_distance)
         count = seen.count
         check_room(count, POINT_BYTES, "points")
         found = FoundPoints.make(count)
-        found.distance[:], found.point[:], found.prim_id[:], found.instance_id[:] = np.inf, np.nan, NO_PRIM, NO_PRIM
+        found.drop(np.ones(count, np.bool_))
         squares = np.full(count, np.inf, np.float32)
         visit = partial(_find_nearer, squares=squares, found=found)
         self._visit(seen.rows, _compare_points, squares, visit, progress)
         # Every other mask sees a mesh.
-        is_blind = np.broadcast_to(seen.masks == 0, seen.shape).reshape(-1)
-        found.distance[is_blind], found.point[is_blind] = np.inf, np.nan
-        found.prim_id[is_blind] = found.instance_id[is_blind] = NO_PRIM
-        return found.as_closest(seen.shape, np.zeros(1, np.int32))
+        found.drop(np.broadcast_to(seen.masks == 0, seen.shape).reshape(-1))
+        found.drop_beyond(seen.limits, seen.shape)
+        return found.as_closest(seen.shape, ShardedSurface(self.shards))
 
     def _visit(
         self, items: Any, compare: Callable[..., None], limits: NDArray[np.float32], visit: Callable[..., object],
@@ -391,7 +408,7 @@ class ShardedTracer(ContextManager):
                     is_near, _ = self._compare(items.take(chosen), compare, box, limits[chosen])
                     chosen = chosen[is_near[:, 0] > 0]
                     if len(chosen):
-                        visit(opened.caster, opened.prim_ids, items.take(chosen), chosen)
+                        visit(opened.caster, opened.prim_ids, _take(items, chosen, opened.prim_ids), chosen)
             if progress is not None:
                 progress(len(limits), len(limits))
 
@@ -495,6 +512,24 @@ class ShardedSurface(Surface):
 
 
 _NO_IDS = np.empty(0, np.int32)
+
+
+def _read_rays(
+    origins: Origins, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None,
+    side: str | None, exclude: Excluded,
+) -> RayBatch:  # fmt: skip
+    batch = read_unmasked_rays(find_origins(origins, directions), directions, t_min, t_max, mask)
+    return batch.limit_sight(side, exclude, is_lone=True)
+
+
+def _take(items: Any, ids: NDArray[np.int64], prim_ids: NDArray[np.int32]) -> Any:
+    """Return some of the rays or points; the faces that rays do not see, by their numbers in a shard."""
+    taken = items.take(ids)
+    excluded = getattr(taken, "excluded", None)
+    if excluded is not None:
+        own = np.minimum(np.searchsorted(prim_ids, excluded["prim_id"]), len(prim_ids) - 1)
+        excluded["prim_id"] = np.where(prim_ids[own] == excluded["prim_id"], own, NO_PRIM)
+    return taken
 
 
 def _compare_rays(
@@ -611,6 +646,8 @@ def _find_nearer(
         here = rows[part.piece.begin : part.piece.end]
         refine_points(here, world.arrays, world.metrics.metrics, world.box, nearer, hits[nearer], kept, slots)
         targets = own[nearer]
-        found.distance[targets], found.point[targets], found.instance_id[targets] = kept.distance, kept.point, 0
+        values: Any
+        for values, found_values in zip(found, kept._replace(prim_id=found.prim_id[targets]), strict=True):
+            values[targets] = found_values
 
     look_up(caster, SeenPoints(rows), find)

@@ -83,9 +83,9 @@ class Caster:
         results = np.zeros(results_per_ray * len(packed), dtype)
         with self._on_device(packed) as (rays, work_size):
             buffer = self._session.upload(results)
-            starts = {"entry_points": None, "tiles": None}
+            starts = {"entry_points": None, "tiles": None, "side": np.int32(0), "excluded": None}
             if self._with_entry_points and self._world.has_entry_points:
-                starts = self._find_starts(rays, work_size)
+                starts |= self._find_starts(rays, work_size)
             self._session.run(
                 self._kernel(name), work_size, self._tile, **self._world.arguments, **rays, order=None, **starts,
                 **{argument: buffer}, **numbers,

@@ -59,10 +59,10 @@ loop void write_keys(
 
 // Writes points, by their numbers.
 //
-// masks               of each point if each_mask is true, or one for all
+// masks, limits       of each point if each_mask or each_limit is true, or one for all
 loop void pack_points(
-    const void *points, const int is_double, const uint *masks, const bool each_mask, const double box[7],
-    const long count, const int order[count], packed_point_t packed[count])
+    const void *points, const int is_double, const uint *masks, const bool each_mask, const double *limits,
+    const bool each_limit, const double box[7], const long count, const int order[count], packed_point_t packed[count])
 {
     const tree_box_t tree_box = load_tree_box(box);
     for (long slot = 0; slot < count; slot++) {
@@ -70,7 +70,7 @@ loop void pack_points(
         const double3 local_point = localize_point(load_point(points, point, is_double), &tree_box);
         store_vector(come_near(local_point, &tree_box), packed[slot].position, packed[slot].position_low);
         packed[slot].mask = masks[each_mask ? point : 0];
-        packed[slot].spare = 0.0f;
+        packed[slot].limit = localize_limit(limits[each_limit ? point : 0], &tree_box);
     }
 }
 

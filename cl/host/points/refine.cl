@@ -23,8 +23,8 @@ INLINED double3 load_given(const void *points, const long point, const bool is_d
 loop void refine_points(
     const void *points, const bool is_double, const long row_count, const int order[row_count], const ulong *surfaces,
     const double *ellipsoid_axes, const double *half_lengths, const double box[7], const int prims[row_count],
-    const int instances[row_count], const int slots[row_count], double *distances, double *closest, int *prim_ids,
-    int *instance_ids)
+    const int instances[row_count], const int slots[row_count], double *distances, double *closest, double *us,
+    double *vs, int *prim_ids, int *instance_ids)
 {
     const wide_world_t world = WIDE_WORLD;
     const found_points_t found = FOUND_POINTS;
@@ -45,7 +45,7 @@ loop long choose_points(
     const void *points, const bool is_double, const long row_count, const int order[row_count], const ulong *surfaces,
     const double *ellipsoid_axes, const double *half_lengths, const double box[7], const hit_t *hits,
     const world_hit_t *hits_in_world, const int slot_count, const int count, double *candidates, int crowded[row_count],
-    double *distances, double *closest, int *prim_ids, int *instance_ids)
+    double *distances, double *closest, double *us, double *vs, int *prim_ids, int *instance_ids)
 {
     const wide_world_t world = WIDE_WORLD;
     const found_points_t found = FOUND_POINTS;

@@ -44,7 +44,7 @@ kernel void closest_hit(
     const world_t world = WORLD(batch.start);
     kept_hit_t found[MOST_TILE_RAYS];
     for (int slot = 0; slot < batch.count; slot++) {
-        search_t search = make_search(1, 0);
+        search_t search = open_search(&batch, slot, 1, 0);
         if (!meets_nothing(&world.start)) {
             const world_ray_t ray = load_ray(&batch, slot);
             traverse_world(&world, &ray, true, &search, QUERY_CLOSEST);

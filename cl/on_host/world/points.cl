@@ -4,7 +4,8 @@
 // Arguments that the kernels share, besides those of cl/rays/arrays.cl, of which points are the origins, and those of
 // cl/nearest/refine.cl:
 //
-// directions, t_mins, t_maxs    NULL
+// directions, t_mins  NULL
+// t_maxs              how far away a primitive may be, in the file's unit
 // box[7]              of the world, see cl/rays/pack.cl
 // order[ray_count]    the points to look up, by their numbers; NULL: all in their own order
 // bad                 lowered to the number of a point that is not finite, or too far; it sees nothing
@@ -42,11 +43,17 @@ typedef struct {
     point_pair_t pair;
 } given_point_t;
 
+INLINED float load_limit(const ray_arrays_t *arrays, const ray_place_t *place, const tree_box_t *box)
+{
+    return localize_limit(*(const double *)(arrays->t_maxs + place->at[T_MAXS_COLUMN]), box);
+}
+
 INLINED given_point_t
 take_point(const ray_arrays_t *arrays, const int number, const tree_box_t *box, int *bad)
 {
     const ray_place_t place = find_ray_place(arrays, number);
-    given_point_t given = {load_origin(arrays, &place), {0.0f, 0.0f, load_mask(arrays, &place)}};
+    given_point_t given = {
+        load_origin(arrays, &place), {0.0f, 0.0f, load_mask(arrays, &place), load_limit(arrays, &place, box)}};
     const double3 local_point = localize_point(given.wide, box);
     if (!is_finite_point(local_point)) {
         atomic_min(bad, number);

@@ -10,6 +10,8 @@
 // tile_width, tile_height     MOST_TILE_RAYS at most
 // finds_start                 whether a tile's rays may begin elsewhere than at the root
 // bad                         lowered to the number of a ray that is not finite, has no direction, or is too far
+// side                        of primitives that rays see, see hits/search.cl
+// excluded[ray_count]         the primitive that each ray does not see, by its number; NULL: none
 //
 // Work-items: (tile_columns, tile_rows).
 
@@ -24,7 +26,8 @@
 
 #define CAST_ARGUMENTS \
     ARRAY_ARGUMENTS, const global double *restrict box, const global int *restrict order, const int is_by_place, \
-    const int row_length, const int tile_width, const int tile_height, const int finds_start, global int *restrict bad
+    const int row_length, const int tile_width, const int tile_height, const int finds_start, \
+    global int *restrict bad, const int side, const global world_prim_t *restrict excluded
 
 // Prefetch distance in rays: a tile of them, and some more.
 #define COMING_RAYS 40
@@ -36,6 +39,8 @@ typedef float8 ray_lanes_t __attribute__((aligned(16)));
 typedef struct {
     start_t start;
     int count;
+    int side;
+    const world_prim_t *excluded;
     int number[MOST_TILE_RAYS];
     int ray_id[MOST_TILE_RAYS];
     packed_ray_t ray[MOST_TILE_RAYS];
@@ -156,12 +161,22 @@ INLINED void open_batch(
     const tiling_t tiling = {ARRAYS, ray_count, order, is_by_place, row_length, tile_width, tile_height}; \
     const world_t at_root = WORLD(root_of(nodes)); \
     batch_t batch; \
+    batch.side = side; \
+    batch.excluded = excluded; \
     open_batch(&tiling, get_global_id(0), get_global_id(1), box, &at_root, finds_start, bad, &batch)
 
 // The number by which the results of a ray are written.
 INLINED int ray_id_of(const batch_t *batch, const int slot)
 {
     return batch->ray_id[slot];
+}
+
+INLINED search_t
+open_search(const batch_t *batch, const int slot, const int max_count, global kept_hit_t *heap)
+{
+    search_t search = make_search(max_count, heap);
+    limit_sight(&search, batch->side, batch->excluded ? batch->excluded + batch->number[slot] : 0);
+    return search;
 }
 
 INLINED world_ray_t load_ray(const batch_t *batch, const int slot)

@@ -151,7 +151,7 @@ class Hemispheres(NamedTuple):
         return cls(
             Broadcast.to_shape(vectors[0], 1, shape),
             Broadcast.to_shape(vectors[1], 1, shape),
-            read_lengths(max_distance, "max_distance", shape),
+            Broadcast.to_shape(read_lengths(max_distance, "max_distance", shape), 0, shape),
             Broadcast.to_shape(ALL_VISIBLE if mask is None else read_masks(mask, shape, "points"), 0, shape),
             float(offset),
         )

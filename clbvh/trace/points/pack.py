@@ -32,7 +32,9 @@ def put_points(call: Call, dtype: np.dtype, count: int, pack: Callable[[int, int
     return Batch(count, (count, 1), work_group, {"points": points, "point_count": np.int32(count)})
 
 
-def pack_points(call: Call, points: NDArray[Any], masks: NDArray[np.uint32], order: NDArray[np.int32]) -> Batch:
+def pack_points(
+    call: Call, points: NDArray[Any], masks: NDArray[np.uint32], limits: NDArray[np.float64], order: NDArray[np.int32]
+) -> Batch:
     """Put points on the device.
 
     Parameters
@@ -42,12 +44,13 @@ def pack_points(call: Call, points: NDArray[Any], masks: NDArray[np.uint32], ord
         Finite.
     masks : (n,) or (1,) uint32
         One for each point, or one for all.
+    limits : (n,) or (1,) float64
     order : (m,) int32
         Points to put there, by their indices; at least one.
     """
 
     def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
-        given = points, points.itemsize == 8, masks, len(masks) > 1
+        given = points, points.itemsize == 8, masks, len(masks) > 1, limits, len(limits) > 1
         LOOPS.pack_points(*given, call.world.box_numbers, order[first:last], packed)
 
     return put_points(call, PACKED_POINT, len(order), pack)

@@ -1,39 +1,43 @@
-"""The queries of points: the closest points of what is visible, and what contains them."""
+"""The queries of points: the closest points of what is visible, all of them that are near, and what contains them."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...device.host.loops import Loops
 from ...structs import NO_PRIM
+from ..hits.surface import Surface
 from ..launch import Caster
 from ..rays.batch import check_room
 from ..rays.pieces import Progress
 from . import search
 from .batch import SeenPoints
-from .refine import ClosestPoints, FoundPoints
+from .refine import AllClosestPoints, ClosestPoints, FoundPoints
 from .search import CLOSEST_POINT, DEPTH, Points, look_up
 
-# Distance, point and ids of a point.
-POINT_BYTES = 40
+# Distance, point, u, v and ids of a point.
+POINT_BYTES = 56
 
 # Slots of each point beside those that are asked for: about as many triangles meet at a vertex, and are equally near.
 # Where they are too few, the slots grow by a factor.
 _SPARE_SLOTS = 8
 _SLOT_GROWTH = 4
 
+_BOXES = Loops("points/boxes")
+
 
 def find_closest(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> ClosestPoints:
     """Return the closest points of what is visible; see `Tracer.closest_point`."""
     if caster.world.is_exact:
         # Float64 decides.
-        distance, point, prim_id = closest = find_nearest_points(caster, seen, 1, progress)
-        ids = closest.geometry_id[..., 0], closest.instance_id[..., 0]
-        return ClosestPoints(distance[..., 0], point[..., 0, :], prim_id[..., 0], *ids)
+        distance, point, prim_id = nearest = find_nearest_points(caster, seen, 1, progress)
+        return ClosestPoints(distance[..., 0], point[..., 0, :], prim_id[..., 0], nearest.as_hits()[..., 0])
     check_room(seen.count, POINT_BYTES, "points")
     found = FoundPoints.make(seen.count)
     look_up(caster, seen, lambda points: points.find(CLOSEST_POINT, _part_of(found, points)), progress)
-    return found.as_closest(seen.shape, caster.world.arrays.geometry_id)
+    found.drop_beyond(seen.limits, seen.shape)
+    return found.as_closest(seen.shape, Surface.of_world(caster.world))
 
 
 def find_contained(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.bool_]:
@@ -81,7 +85,7 @@ def _find_exact_signed(caster: Caster, seen: SeenPoints, progress: Progress | No
         deepest = found.instance_id
     for instance_id in np.unique(deepest[deepest != NO_PRIM]):
         here = np.flatnonzero(deepest == instance_id)
-        inside = SeenPoints(seen.rows.take(here).items, instance_ids=np.array([instance_id]))
+        inside = SeenPoints(seen.take(here).points, instance_ids=np.array([instance_id]))
         signed[here] = find_nearest_points(caster, inside, 1).distance[:, 0]
     return signed.reshape(seen.shape)
 
@@ -95,6 +99,12 @@ def find_nearest_points(
     The nearest are chosen in float64, and looked for again, with more room, wherever one that was left out might be as
     near as the last one.
     """
+    found = find_nearest(caster, seen, count, progress)
+    return found.as_closest((*seen.shape, count), Surface.of_world(caster.world))
+
+
+def find_nearest(caster: Caster, seen: SeenPoints, count: int, progress: Progress | None = None) -> FoundPoints:
+    """Return the same, `count` results of each point."""
     check_room(seen.count, count * POINT_BYTES, "points")
     found, slots = FoundPoints.make(seen.count * count), count + _SPARE_SLOTS
 
@@ -103,7 +113,56 @@ def find_nearest_points(
         _choose(points, count, slots, found.part(begin * count, end * count))
 
     look_up(caster, seen, find, progress, most_points=max(1, search.MOST_SLOTS // slots))
-    return found.as_closest((*seen.shape, count), caster.world.arrays.geometry_id)
+    found.drop_beyond(seen.limits[..., None], (*seen.shape, count))
+    return found
+
+
+def find_within(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> AllClosestPoints:
+    """Return all primitives within the limits of the points; see `Tracer.prims_within`.
+
+    The nearest few are looked for, and four times as many of the points that may have more, until none has.
+    """
+    left, slots, parts = np.arange(seen.count), _SPARE_SLOTS, [(np.empty(0, np.int64), FoundPoints.make(0))]
+    while len(left) or slots == _SPARE_SLOTS:
+        step, crowded = max(1, search.MOST_SLOTS // slots), [left[:0]]
+        for begin in range(0, max(1, len(left)), step):
+            ids = left[begin : begin + step]
+            found = find_nearest(caster, seen.take(ids), slots)
+            is_there = found.prim_id.reshape(-1, slots) != NO_PRIM
+            is_full = is_there[:, -1]
+            rows = np.flatnonzero(is_there & ~is_full[:, None])
+            parts.append((ids[rows // slots], found.take(rows)))
+            crowded.append(ids[is_full])
+            if progress is not None and slots == _SPARE_SLOTS:
+                progress(begin + len(ids), seen.count)
+        left, slots = np.concatenate(crowded), slots * _SLOT_GROWTH
+    point_ids = np.concatenate([ids for ids, _ in parts])
+    order = np.argsort(point_ids, kind="stable")
+    found = FoundPoints(*map(np.concatenate, zip(*(found for _, found in parts), strict=True))).take(order)
+    closest = found.as_closest((len(order),), Surface.of_world(caster.world))
+    return AllClosestPoints.of(closest, np.bincount(point_ids, minlength=seen.count))
+
+
+def find_in_boxes(
+    caster: Caster, lower: NDArray[np.float64], upper: NDArray[np.float64], seen: SeenPoints,
+    progress: Progress | None = None,
+) -> AllClosestPoints:  # fmt: skip
+    """Return the primitives that meet boxes; see `Tracer.prims_in_boxes`.
+
+    Those that meet the sphere around a box, of which `seen` has centre and radius, are tested one by one.
+    """
+    near, world = find_within(caster, seen, progress), caster.world
+    hits, box_ids = near.as_hits(), near.point_id
+    is_met = np.empty(len(box_ids), np.bool_)
+
+    def test(begin: int, end: int) -> None:
+        _BOXES.meet_boxes(
+            world.arrays.addresses, lower, upper, box_ids[begin:end], near.prim_id[begin:end],
+            hits.instance_id[begin:end], is_met[begin:end],
+        )  # fmt: skip
+
+    caster.threads.for_ranges(len(box_ids), test)
+    return near.select(is_met)
 
 
 def _choose(points: Points, count: int, slots: int, found: FoundPoints) -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...device.host.loops import Loops
 from ...structs import HIT, NO_PRIM
-from ..hits.hits import show_found, show_index, show_values
+from ..hits.hits import Hits, show_found, show_index, show_values
+from ..hits.normals import Normals
+from ..hits.surface import Surface
 from ..world.metrics import Metrics
 from ..world.surface_arrays import SurfaceArrays
 from ..world.tree_box import TreeBox
@@ -45,33 +48,80 @@ class ClosestPoints(_Points):
     >>> distance, point
     (array([3., 5.]), array([[1., 1., 0.],
            [0., 0., 0.]]))
+    >>> closest.u, closest.normals[0], closest.interpolate([10, 20, 30])
+    (array([0.25, 0.  ]), array([0., 0., 1.]), array([17.5, 10. ]))
     """
 
-    _ids: tuple[NDArray[np.int32], NDArray[np.int32]] | None = None
+    _hits: Hits
 
     def __new__(
-        cls,
-        distance: NDArray[np.float64],
-        point: NDArray[np.float64],
-        prim_id: NDArray[np.int32],
-        geometry_id: NDArray[np.int32] | None = None,
-        instance_id: NDArray[np.int32] | None = None,
-    ) -> ClosestPoints:
-        """Return the closest points with their ids, which are 0 where there is a point unless they are given."""
+        cls, distance: NDArray[np.float64], point: NDArray[np.float64], prim_id: NDArray[np.int32],
+        hits: Hits | None = None,
+    ) -> ClosestPoints:  # fmt: skip
+        """Return the closest points, and the same as hits whose t is the distance."""
         closest = super().__new__(cls, distance, point, prim_id)
-        if geometry_id is not None and instance_id is not None:
-            closest._ids = geometry_id, instance_id
+        nothing = np.zeros(np.shape(prim_id))
+        closest._hits = Hits(distance, nothing, nothing, prim_id) if hits is None else hits
         return closest
+
+    def as_hits(self) -> Hits:
+        """Return the points as if rays of length 1 from the points asked for had hit them."""
+        return self._hits
+
+    @property
+    def u(self) -> NDArray[np.floating]:
+        """(...,) float64: barycentric coordinate of the corner b, or the azimuth on a sphere, see `Hits`."""
+        return self._hits.u
+
+    @property
+    def v(self) -> NDArray[np.floating]:
+        """(...,) float64: barycentric coordinate of the corner c, or the angle on a sphere, see `Hits`."""
+        return self._hits.v
 
     @property
     def geometry_id(self) -> NDArray[np.int32]:
         """(...,) int32: the geometry that the point is on. Of a single mesh 0, and -1 where there is no point."""
-        return np.minimum(self.prim_id, 0) if self._ids is None else self._ids[0]
+        return self._hits.geometry_id
 
     @property
     def instance_id(self) -> NDArray[np.int32]:
         """(...,) int32: the instance that the point is on. Of a single mesh 0, and -1 where there is no point."""
-        return np.minimum(self.prim_id, 0) if self._ids is None else self._ids[1]
+        return self._hits.instance_id
+
+    @property
+    def part_id(self) -> NDArray[np.int32]:
+        """(...,) int32: the part that the point is on, see `Hits.part_id`."""
+        return self._hits.part_id
+
+    @property
+    def normals(self) -> Normals:
+        """(..., 3) float64: the normal of the primitive there, or ``normals(smooth=True)``; see `Hits.normals`."""
+        return self._hits.normals
+
+    def interpolate(self, attribute: ArrayLike | Mapping[Any, ArrayLike]) -> NDArray[np.float64]:
+        """Return the values of an attribute at the points: colours, temperatures; see `Hits.interpolate`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> mesh = clbvh.Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]])
+        >>> clbvh.Tracer(mesh).closest_point([1, 2, 9]).interpolate([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+        array([0.25, 0.25, 0.5 ])
+        """
+        return self._hits.interpolate(attribute)
+
+    def offset_origins(self, *, towards: ArrayLike) -> NDArray[np.float64]:
+        """Return start points of rays that leave the surface at the points; see `Hits.offset_origins`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.Tracer(clbvh.make_shape("icosphere", triangles=320)) as tracer:
+        ...     closest = tracer.closest_point([0, 0, 3])
+        ...     tracer.any_hit(closest.offset_origins(towards=[0, 0, 1]), [0, 0, 1])
+        array(False)
+        """
+        return self._hits.offset_origins(towards=towards)
 
     def __repr__(self) -> str:
         shape, is_found = self.prim_id.shape, self.prim_id != NO_PRIM
@@ -83,10 +133,56 @@ class ClosestPoints(_Points):
         )  # fmt: skip
 
     def _show(self, index: Any) -> str:
-        instance = {} if self._ids is None else {"instance_id": self.instance_id[index]}
+        instance = {"instance_id": self.instance_id[index]}
         return show_values(
             distance=self.distance[index], prim_id=self.prim_id[index], **instance, point=self.point[index]
         )
+
+
+class AllClosestPoints(ClosestPoints):
+    """The closest points of several primitives for each point, grouped by point; the nearest come first.
+
+    The arrays of `ClosestPoints` have one entry for each primitive that was found.
+
+    Attributes
+    ----------
+    offsets : (n + 1,) int64
+        The primitives of point i, in C order, are those from ``offsets[i]`` to ``offsets[i + 1]``.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> balls = clbvh.Spheres([[0, 0, 0], [4, 0, 0], [9, 0, 0]], 1)
+    >>> with clbvh.Tracer(clbvh.Scene(balls)) as tracer:
+    ...     near = tracer.prims_within([[3, 0, 0], [20, 0, 0], [6, 0, 0]], 2.5)
+    >>> near.counts, near.point_id, near.prim_id
+    (array([2, 0, 2]), array([0, 0, 2, 2]), array([1, 0, 1, 2], dtype=int32))
+    """
+
+    offsets: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, closest: ClosestPoints, counts: NDArray[np.int64]) -> AllClosestPoints:
+        """Return closest points of which each point has a number."""
+        grouped = cls(*closest, closest.as_hits())
+        grouped.offsets = np.concatenate(([0], np.cumsum(counts)))
+        return grouped
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """(n,) int64: primitives of each point."""
+        return np.diff(self.offsets)
+
+    @property
+    def point_id(self) -> NDArray[np.int64]:
+        """(m,) int64: the point that each primitive was found for, by its number in C order."""
+        return np.repeat(np.arange(len(self.offsets) - 1), self.counts)
+
+    def select(self, is_kept: NDArray[np.bool_]) -> AllClosestPoints:
+        """Return some of the primitives: (m,) bool."""
+        distance, point, prim_id = self
+        kept = ClosestPoints(distance[is_kept], point[is_kept], prim_id[is_kept], self.as_hits()[is_kept])
+        return self.of(kept, np.bincount(self.point_id[is_kept], minlength=len(self.offsets) - 1))
 
 
 _LOOPS = Loops("points/refine")
@@ -99,32 +195,50 @@ class FoundPoints(NamedTuple):
     ----------
     distance : (n,) float64, the scene's unit
     point : (n, 3) float64, the scene's coordinates
+    u, v : (n,) float64
+        The coordinates on the primitive; see `Hits`.
     prim_id, instance_id : (n,) int32
     """
 
     distance: NDArray[np.float64]
     point: NDArray[np.float64]
+    u: NDArray[np.float64]
+    v: NDArray[np.float64]
     prim_id: NDArray[np.int32]
     instance_id: NDArray[np.int32]
 
     @classmethod
     def make(cls, count: int) -> FoundPoints:
         """Return arrays for a number of points, which are not filled."""
-        return cls(np.empty(count), np.empty((count, 3)), np.empty(count, np.int32), np.empty(count, np.int32))
+        prims = np.empty(count, np.int32), np.empty(count, np.int32)
+        return cls(np.empty(count), np.empty((count, 3)), np.empty(count), np.empty(count), *prims)
 
     def part(self, begin: int, end: int) -> FoundPoints:
         """Return views of the results of points `begin` to `end`."""
-        distance, point, prim_id, instance_id = self
-        return FoundPoints(distance[begin:end], point[begin:end], prim_id[begin:end], instance_id[begin:end])
+        return FoundPoints(*(values[begin:end] for values in self))  # type: ignore[arg-type]
 
-    def as_closest(self, shape: tuple[int, ...], geometry_ids: NDArray[np.int32]) -> ClosestPoints:
-        """Return the results in a shape, given the geometry of each instance."""
-        distance, point, prim_id, instance_id = self
-        geometry_id = np.where(instance_id == NO_PRIM, NO_PRIM, geometry_ids[instance_id])
-        return ClosestPoints(
-            distance.reshape(shape), point.reshape(*shape, 3), prim_id.reshape(shape), geometry_id.reshape(shape),
-            instance_id.reshape(shape),
-        )  # fmt: skip
+    def take(self, rows: NDArray[np.int64]) -> FoundPoints:
+        """Return some of the results."""
+        return FoundPoints(*(values[rows] for values in self))  # type: ignore[arg-type]
+
+    def drop(self, rows: NDArray[np.bool_]) -> None:
+        """Leave nothing of some of the results."""
+        nothing = np.inf, np.nan, 0.0, 0.0, NO_PRIM, NO_PRIM
+        values: Any
+        for values, none in zip(self, nothing, strict=True):
+            values[rows] = none
+
+    def drop_beyond(self, limits: NDArray[np.float64], shape: tuple[int, ...]) -> None:
+        """Leave nothing that is farther away than limits, which are broadcast to a shape."""
+        if not np.isinf(limits).all():
+            self.drop(self.distance > np.broadcast_to(limits, shape).reshape(-1))
+
+    def as_closest(self, shape: tuple[int, ...], surface: Surface) -> ClosestPoints:
+        """Return the results in a shape, given the surface that they are on."""
+        distance, u, v = (values.reshape(shape) for values in (self.distance, self.u, self.v))
+        point, prim_id = self.point.reshape(*shape, 3), self.prim_id.reshape(shape)
+        hits = Hits(distance, u, v, prim_id, surface=surface, known_instance_id=self.instance_id.reshape(shape))
+        return ClosestPoints(distance, point, prim_id, hits)
 
 
 def refine_points(

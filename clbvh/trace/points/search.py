@@ -123,10 +123,10 @@ class HostPoints(NamedTuple):
 def _take_on_host(world: World, seen: SeenPoints, piece: Piece) -> HostItems:
     """Return the points of a piece, which has some, as kernels of the host are told of them."""
     count, axes, bad = piece.item_count, begin_at(seen.axes, piece.begin), ALL_GOOD.copy()
-    used = seen.points, seen.masks, axes, world.box_numbers, piece.order, bad
-    points, masks, axes_at, box, order_at, bad_at = find_addresses(used)
+    used = seen.points, seen.limits, seen.masks, axes, world.box_numbers, piece.order, bad
+    points, limits, masks, axes_at, box, order_at, bad_at = find_addresses(used)
     is_double = seen.points.dtype.itemsize == 8
-    numbers = points, 0, 0, 0, masks, is_double, axes_at, len(axes) - 2, count, box, order_at, bad_at
+    numbers = points, 0, 0, limits, masks, is_double, axes_at, len(axes) - 2, count, box, order_at, bad_at
     groups = -(-count // _GROUP_POINTS), 1, _GROUP_POINTS
     return HostItems(numbers, groups, bad, used, partial(_explain, seen, piece, world.box))
 
@@ -150,12 +150,14 @@ class DevicePoints(NamedTuple):
     points : (n, 3) float, contiguous, the world's coordinates
         Of the chunk.
     masks : (n,) or (1,) uint32
+    limits : (n,) or (1,) float64
     """
 
     call: Call
     piece: Piece
     points: NDArray[Any]
     masks: NDArray[np.uint32]
+    limits: NDArray[np.float64]
 
     def find(self, query: Query, found: FoundPoints) -> None:
         """See `HostPoints`."""
@@ -208,7 +210,7 @@ class DevicePoints(NamedTuple):
         return hits
 
     def _put(self, order: NDArray[np.int32]) -> Batch:
-        return pack.pack_points(self.call, self.points, self.masks, order)
+        return pack.pack_points(self.call, self.points, self.masks, self.limits, order)
 
     def _put_metrics(self) -> Any:
         return self.call.world.metrics.put(self.call.caster.session, self.call.session)
@@ -259,7 +261,7 @@ def _choose_world(call: Call, seen: SeenPoints) -> tuple[Call, SeenPoints]:
     if chosen is None:
         return call, seen
     if world.is_lone:
-        return call, SeenPoints(seen.points, seen.masks) if 0 in chosen else seen.without_any()
+        return call, SeenPoints(seen.points, seen.masks, limits=seen.limits) if 0 in chosen else seen.without_any()
     assert world.top is not None
     buffers = {name: call.session.upload(array) for name, array in prune_top(world.top, chosen).items()}
     return call.at(with_instances(world, buffers)), seen
@@ -275,4 +277,5 @@ def _take_piece(call: Call, seen: SeenPoints, begin: int, end: int) -> Points:
     piece = Piece(begin, end, order)
     if is_host:
         return HostPoints(call.caster.at(world), seen, piece)
-    return DevicePoints(call, piece, points, seen.mask_rows.part(begin, end, seen.masks.dtype))
+    masks, limits = (rows.part(begin, end, rows.items.dtype) for rows in (seen.mask_rows, seen.limit_rows))
+    return DevicePoints(call, piece, points, masks, limits)

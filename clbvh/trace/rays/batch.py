@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...device.host.library import find_addresses
-from ...errors import QueryError
+from ...errors import ConfigError, QueryError
 from ...geometry.arrays import on_host, read_numbers
+from ...structs import NO_PRIM, WORLD_PRIM
 from ...support.memory import check_memory
 
 _FLOAT64 = np.dtype(np.float64)
@@ -28,6 +29,10 @@ _MOST_MASK = 0xFFFFFFFF
 # The mask of rays that see every instance.
 ALL_VISIBLE = np.array(_MOST_MASK, np.uint32)
 ALL_VISIBLE.flags.writeable = False
+
+
+# The sides of primitives that rays may see, by their numbers in cl/hits/search.cl.
+SIDES = {None: 0, "front": 1, "back": 2}
 
 
 class RayArrays(NamedTuple):
@@ -57,14 +62,30 @@ class RayBatch:
     arrays : RayArrays
     shape : tuple of int
         Leading shape that they are broadcast to.
+    side : int
+        Of primitives that they see, see `SIDES`.
+    excluded : (ray_count,) `structs.WORLD_PRIM` or None
+        The primitive that each ray does not see, in C order.
 
     Attributes
     ----------
     ray_count : int
     """
 
-    def __init__(self, arrays: RayArrays, shape: tuple[int, ...]) -> None:
+    def __init__(
+        self, arrays: RayArrays, shape: tuple[int, ...], side: int = 0, excluded: NDArray[np.void] | None = None
+    ) -> None:
         self.arrays, self.shape, self.ray_count = arrays, shape, math.prod(shape)
+        self.side, self.excluded = side, excluded
+
+    def limit_sight(self, side: str | None, exclude: Any, *, is_lone: bool) -> RayBatch:
+        """Return the rays without what the user says that they do not see; see `Tracer.closest_hit`."""
+        if side is None and exclude is None:
+            return self
+        if side not in SIDES:
+            raise ConfigError(f"side must be 'front', 'back' or None, not {side!r}")
+        excluded = None if exclude is None else _read_excluded(exclude, self.shape, is_lone=is_lone)
+        return RayBatch(self.arrays, self.shape, SIDES[side], excluded)
 
     @property
     def is_on_device(self) -> bool:
@@ -80,7 +101,9 @@ class RayBatch:
 
     def take(self, ray_ids: NDArray[np.integer]) -> RayBatch:
         """Return some of the rays, by their indices in C order."""
-        return RayBatch(RayArrays(*(values.take(ray_ids).items for values in self.rows)), (len(ray_ids),))
+        arrays = RayArrays(*(values.take(ray_ids).items for values in self.rows))
+        excluded = None if self.excluded is None else self.excluded[ray_ids]
+        return RayBatch(arrays, (len(ray_ids),), self.side, excluded)
 
     @cached_property
     def axes(self) -> NDArray[np.int64]:
@@ -145,16 +168,24 @@ def _make_axes(shape: tuple[int, ...], *facts: tuple[int, ...]) -> NDArray[np.in
     return axes
 
 
-def find_point_axes(points: NDArray[Any], masks: NDArray[np.uint32]) -> NDArray[np.int64]:
-    """Return the same of points with their masks, which have the place of origins."""
-    none = (3,), (0,), (), (), (), ()  # of directions and limits
-    return _make_axes(points.shape[:-1], points.shape, points.strides, *none, masks.shape, masks.strides)
+def find_point_axes(
+    points: NDArray[Any], limits: NDArray[np.float64], masks: NDArray[np.uint32]
+) -> NDArray[np.int64]:  # fmt: skip
+    """Return the same of points, which have the place of origins, with the largest distances and masks."""
+    none = (3,), (0,), (), ()  # of directions and t_min
+    more = limits.shape, limits.strides, masks.shape, masks.strides
+    return _make_axes(points.shape[:-1], points.shape, points.strides, *none, *more)
 
 
 def _find_steps(own: tuple[int, ...], strides: tuple[int, ...], shape: tuple[int, ...]) -> tuple[int, ...]:
     """Return the bytes from one item to the next along each axis of the shape that an array is broadcast to."""
     steps = (0 if length == 1 else stride for length, stride in zip(own, strides, strict=True))
     return (*(0,) * (len(shape) - len(own)), *steps)
+
+
+def find_origins(origins: Any, directions: ArrayLike) -> Any:
+    """Return origins as they are; those of hits or closest points next to the surface, where each direction leads."""
+    return origins.offset_origins(towards=directions) if hasattr(origins, "offset_origins") else origins
 
 
 def read_rays(
@@ -251,9 +282,9 @@ def _read_any_vectors(values: ArrayLike, name: str) -> NDArray[Any]:
     return vectors if vectors.flags.aligned else vectors.copy()
 
 
-def read_lengths(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Broadcast:
-    """Return lengths of rays from points of this leading shape; infinity is allowed."""
-    return Broadcast.to_shape(_read_limits(values, name, shape, 0.0, "points"), 0, shape)
+def read_lengths(values: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return lengths of rays from points of this leading shape, or distances; infinity is allowed."""
+    return _read_limits(values, name, shape, 0.0, "points")
 
 
 def _read_limits(
@@ -292,6 +323,20 @@ def read_masks(values: ArrayLike, shape: tuple[int, ...], subject: str) -> NDArr
     if masks.size and not (int(masks.min()) >= 0 and int(masks.max()) <= _MOST_MASK):
         raise QueryError(f"mask must be from 0 to {_MOST_MASK:#x}, which has 32 bits")
     return masks.astype(np.uint32)
+
+
+def _read_excluded(exclude: Any, shape: tuple[int, ...], *, is_lone: bool) -> NDArray[np.void]:
+    """Return the primitive that each ray of a shape does not see, (n,) `structs.WORLD_PRIM`."""
+    # Hits and closest points know the instances.
+    if not (is_lone or hasattr(exclude, "instance_id")):
+        raise QueryError("exclude must be hits or closest points in a scene: the number of a face is of many instances")
+    prims = read_numbers(getattr(exclude, "prim_id", exclude), "exclude", QueryError)
+    if prims.dtype.kind not in "iu" or (prims.size and not NO_PRIM <= prims.min() <= prims.max() < 2**31):
+        raise QueryError(f"exclude must be hits, closest points or numbers of faces from -1, not {prims.dtype}")
+    _check_fit(prims, "exclude", shape, "rays")
+    excluded = np.zeros(shape, WORLD_PRIM)
+    excluded["prim_id"], excluded["instance_id"] = prims, getattr(exclude, "instance_id", 0)
+    return excluded.reshape(-1)
 
 
 def _check_fit(values: NDArray[Any], name: str, shape: tuple[int, ...], subject: str) -> None:

@@ -177,7 +177,7 @@ def test_more_results_than_fit_are_refused_before_the_work(tracer, mesh, query, 
     monkeypatch.setattr(memory, "free_memory_bytes", lambda: 999)
     with pytest.raises(QueryError, match="results of 1,000"):
         ask(tracer, query, np.zeros((1000, 3)), DOWN[1])
-    monkeypatch.setattr(memory, "free_memory_bytes", lambda: 40_000)
+    monkeypatch.setattr(memory, "free_memory_bytes", lambda: 60_000)
     ask(tracer, query, np.zeros((1000, 3)), DOWN[1])
 
 

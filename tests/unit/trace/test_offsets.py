@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clbvh import ConfigError, Hits, Mesh, QueryError, Scene, Spheres, Tracer, make_shape, offset_points
+from clbvh import ConfigError, Hits, Mesh, QueryError, Scene, Spheres, Tracer, make_shape
 from clbvh.structs import NO_PRIM
 
 from .scene_states import affine
@@ -207,29 +207,31 @@ def test_points_that_no_ray_has_found_are_left_likewise(session, kind, far, size
     faces, towards = generator.integers(mesh.face_count, size=RAYS), generator.normal(size=(RAYS, 3))
     weights = generator.dirichlet(np.full(3, 0.4), RAYS)
     weights[: RAYS // 8] = np.eye(3)[generator.integers(3, size=RAYS // 8)]
-    origins = offset_points(mesh, faces, weights, towards)
-    assert (origins == offset_points(mesh, faces, weights[:, 1:], towards)).all()
     with Tracer(mesh, device=session.info) as tracer:
+        origins = tracer.points_on(faces, weights).offset_origins(towards=towards)
+        assert (origins == tracer.points_on(faces, weights[:, 1:]).offset_origins(towards=towards)).all()
         crossings = tracer.all_hits(origins, towards)
         assert not (crossings.prim_id == faces[crossings.ray_id]).any()
         assert (tracer.closest_hit(origins, towards).prim_id != faces).all()
         hits = make_hits(tracer, Scene(mesh), generator, 500)
+        points = tracer.points_on(hits.prim_id, np.stack((hits.u, hits.v), axis=-1))
     away = hits.normals(facing=True)
-    found = offset_points(mesh, hits.prim_id, np.stack((hits.u, hits.v), axis=-1), away)
+    found = points.offset_origins(towards=away)
     assert found.tobytes() == hits.offset_origins(towards=away).tobytes()
 
 
 def test_points_and_directions_broadcast_and_wrong_ones_are_refused():
-    mesh = Mesh.from_arrays(*TRIANGLE)
-    assert offset_points(mesh, 0, [1, 0, 0], [0, 0, 1]).shape == (3,)
-    assert offset_points(TRIANGLE, [[0], [0]], [0.5, 0.5], np.ones((2, 4, 3))).shape == (2, 4, 3)
-    for faces, weights, towards, words in (
-        (1, [0, 0], [0, 0, 1], "face_ids must be whole numbers from 0 to 0"),
-        (0, [0.5, 0.6], [0, 0, 1], "barycentrics must be"),
-        (0, [0.9, 0.3, 0.3], [0, 0, 1], "barycentrics must be"),
-        ([0, 0], np.zeros((3, 2)), [0, 0, 1], "do not broadcast"),
-        ([0, 0], [0, 0], np.ones((3, 3)), "towards must have a shape"),
-        (0, [0, 0], [0, 0, 0], "towards must be finite directions"),
-    ):
-        with pytest.raises(QueryError, match=words):
-            offset_points(mesh, faces, weights, towards)
+    with Tracer(TRIANGLE) as tracer:
+        assert tracer.points_on(0).offset_origins(towards=[0, 0, 1]).shape == (3,)
+        points = tracer.points_on([[0], [0]], [0.5, 0.5])
+        assert points.offset_origins(towards=np.ones((2, 4, 3))).shape == (2, 4, 3)
+        for faces, weights, towards, words in (
+            (1, [0, 0], [0, 0, 1], "prim_id must be whole numbers from 0 to 0"),
+            (0, [0.5, 0.6], [0, 0, 1], "barycentrics must be"),
+            (0, [0.9, 0.3, 0.3], [0, 0, 1], "barycentrics must be"),
+            ([0, 0], np.zeros((3, 2)), [0, 0, 1], "do not broadcast"),
+            ([0, 0], [0, 0], np.ones((3, 3)), "towards must have a shape"),
+            (0, [0, 0], [0, 0, 0], "towards must be finite directions"),
+        ):
+            with pytest.raises(QueryError, match=words):
+                tracer.points_on(faces, weights).offset_origins(towards=towards)

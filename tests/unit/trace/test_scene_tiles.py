@@ -64,7 +64,7 @@ def tiles(session, monkeypatch):
     found, find, cast = [], put_rays.find_entry_points, HostItems.run
 
     def record_on_host(rays, *arguments):
-        *_, finds_start, _ = rays.numbers
+        *_, finds_start, _, _, _ = rays.numbers
         found.extend([np.empty(0, TILE)] * finds_start)
         cast(rays, *arguments)
 
