@@ -330,10 +330,28 @@ class Mesh(LocalFrame):
 
     @cached_property
     def area(self) -> float:
-        """Sum of the areas of the triangles, in the square of the file's unit."""
+        """Sum of `face_areas`, in the square of the file's unit."""
+        return float(self.face_areas.sum())
+
+    @cached_property
+    def face_areas(self) -> NDArray[np.float64]:
+        """(F,) float64: areas in the square of the file's unit. Computed once; 8 bytes per face.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> square = clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 1, 2], [0, 0, 1]])
+        >>> square.face_areas
+        array([0.5, 0. ])
+        """
         corners = self.vertices[self.faces]
-        ab, ac = ((corners[:, end] - corners[:, 0]) * self.scale for end in (1, 2))
-        return float(np.linalg.norm(np.cross(ab, ac), axis=1).sum() / 2 / self.scale / self.scale)
+        sides = (np.roll(corners, -1, axis=1) - corners) * self.scale
+        # Without the longest side: the product of the two long sides of a needle would cancel to its small area.
+        longest = np.abs(sides).sum(axis=2).argmax(axis=1)
+        one, other = (sides[np.arange(len(sides)), longest - number] for number in (1, 2))
+        x, y, z = np.cross(one, other).T
+        # By `hypot`: the squares of a small triangle's product would underflow.
+        return np.hypot(np.hypot(x, y), z) / 2 / self.scale / self.scale
 
     @cached_property
     def face_normals(self) -> NDArray[np.float64]:

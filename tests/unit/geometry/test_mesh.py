@@ -177,6 +177,13 @@ def test_measures_are_those_of_formulas_in_any_unit(unit):
     assert (flat.face_normals.tolist(), flat.area) == ([[0, 0, 1], [0, 0, 0]], 0.5)
 
 
+def test_areas_of_needles_and_specks_are_exact_to_their_last_digits():
+    x, y, thin, small = 1 / 7, 1 / 3, 2.0**-40, 1e-100
+    corners = [[0, 0, 0], [x, y, 0], [x, y + thin, 0], [small, 0, 0], [0, small, 0]]
+    mesh = Mesh.from_arrays(corners, [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 3, 4]])
+    np.testing.assert_allclose(mesh.face_areas, [x * thin / 2] * 3 + [small**2 / 2], rtol=1e-15)
+
+
 @pytest.mark.parametrize(("suffix", "unit", "shift"), [(".ply", 1e-9, 7e6), (".OBJ", 1e-9, 7e6), (".stl", 1.0, 0.0)])
 def test_a_saved_mesh_is_loaded_as_it_was(tmp_path, suffix, unit, shift):
     generator = np.random.default_rng(0)
