@@ -6,8 +6,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..bvh import Bvh
 from ..errors import ConfigError, MeshError
@@ -78,17 +79,13 @@ def leaf_limit(builder: str, options: BuildOptions) -> int:
 
 def build(
     mesh: MeshLike,
+    options: BuildOptions | None = None,
     *,
     workers: int | None = None,
     pool: SubtreePool | None = None,
     builder: str = DEFAULT_BUILDER,
-    bins: int | None = BuildOptions.bins,
-    leaf_size: int = BuildOptions.leaf_size,
-    traversal_cost: float = BuildOptions.traversal_cost,
-    task_threshold: int | None = BuildOptions.task_threshold,
-    frontier: int = BuildOptions.frontier,
-    quality: str = BuildOptions.quality,
     device: DeviceInfo | str | int | None = None,
+    **changes: Any,
 ) -> Bvh:
     """Build a bounding volume hierarchy over a mesh.
 
@@ -99,6 +96,8 @@ def build(
         faces may be a `pyopencl.array.Array`, float32 or float64, and int32, in one context: the device copies them,
         and the host downloads what it reads. Without double precision there, or on another device, they go by way of
         the host.
+    options : BuildOptions, optional
+        A builder ignores options that do not apply to it; a quality that it does not have is refused.
     workers : int, optional
         Threads that build, at most; the number of usable processors without it. A small mesh is built by fewer: one
         for every 10,000 triangles, unless a task threshold is given.
@@ -108,12 +107,12 @@ def build(
         ``"sah"``: binned surface area heuristic on three axes, parallel from the root. Or a variant of the report's
         ladder, see `docs/ladder.md`: ``"sequential"``, which has one worker in any case, ``"naive"``, ``"range"``,
         ``"cached"``, ``"median"``, ``"bin"``, ``"atomic"``, ``"flatten"``, ``"flat"``, ``"frontier"``.
-    bins, leaf_size, traversal_cost, task_threshold, frontier, quality : optional
-        See `clbvh.BuildOptions`. A builder ignores options that do not apply to it; a quality that it does not have
-        is refused.
     device : DeviceInfo, str, int or None
         The device that builds a tree of the quality ``"fast"``: a number, part of its name, ``"gpu"`` or ``"host"``;
         by default a GPU, if there is one.
+    **changes
+        Fields of `BuildOptions` that differ from `options`: bins, leaf_size, traversal_cost, task_threshold, frontier,
+        quality.
 
     Returns
     -------
@@ -123,8 +122,8 @@ def build(
     Raises
     ------
     ConfigError
-        An option outside its range, an unknown builder, a quality that it does not have, both workers and a pool, or a
-        device for a quality that the host builds.
+        Options of another type, or outside their ranges, an unknown builder, a quality that it does not have, both
+        workers and a pool, or a device for a quality that the host builds.
     DeviceError
         There is no such device, or it has not enough memory.
     MeshError
@@ -144,8 +143,10 @@ def build(
     >>> clbvh.sah_cost(fast) > clbvh.sah_cost(bvh)
     True
     """
-    options = BuildOptions(bins, leaf_size, traversal_cost, task_threshold, frontier, quality)
-    if quality == FAST_QUALITY:
+    if not isinstance(options, BuildOptions | None):
+        raise ConfigError(f"options must be a clbvh.BuildOptions, not a {type(options).__name__}")
+    options = replace(options or BuildOptions(), **changes)
+    if options.quality == FAST_QUALITY:
         # Imported here: other trees are built where there is no OpenCL.
         from ..layouts.device_mesh import take_mesh
 

@@ -110,6 +110,13 @@ def test_small_meshes_and_the_first_variant_leave_the_pool_alone(pool, monkeypat
         build(make_soup(100, seed=10), pool=pool_is_closed)
 
 
+def test_keywords_change_the_options_that_are_given():
+    mesh, options = make_soup(500, seed=11), BuildOptions(leaf_size=8, traversal_cost=9)
+    wide, narrow = (build_tree(mesh, "sah", None, dataclasses.replace(options, leaf_size=size)) for size in (8, 4))
+    assert bytes_of(build(mesh, options)) == bytes_of(wide) != bytes_of(narrow)
+    assert bytes_of(build(mesh, options, leaf_size=4)) == bytes_of(narrow)
+
+
 def test_what_lies_outside_is_refused_by_name_and_value():
     mesh = Mesh.from_arrays(np.eye(3), [[0, 1, 2]])
     for name, values in {
@@ -130,5 +137,7 @@ def test_what_lies_outside_is_refused_by_name_and_value():
         build(mesh, builder="median", quality="fast")
     with pytest.raises(ConfigError, match="leave workers or pool out"):
         build(mesh, workers=2, pool=SubtreePool)
+    with pytest.raises(ConfigError, match=r"options must be a clbvh\.BuildOptions, not a str"):
+        build(mesh, "high")
     options = BuildOptions(np.int64(2), np.uint8(255), np.float32(2), np.int16(1), np.uint16(8192))
     assert [type(value) for value in dataclasses.astuple(options)] == [int, int, float, int, int, str]
