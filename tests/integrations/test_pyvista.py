@@ -1,4 +1,4 @@
-"""Meshes of pyvista, and its `multi_ray_trace`: objects with its attributes. It is there itself in tests/peers."""
+"""Meshes of pyvista, and its rays: objects with its attributes. It is there itself in tests/peers."""
 
 import copy
 import sys
@@ -75,6 +75,9 @@ def test_cells_are_those_of_the_mesh_that_was_given():
     points, rays, cells = ours.multi_ray_trace(squares, places, [DOWN] * 6)
     assert (rays.tolist(), cells.tolist()) == ([0, 2, 3, 4], [2, 3, 2, 4])
     assert points == pytest.approx(np.array(places)[rays] * [1, 1, 0])
+    with clbvh.Tracer(squares) as tracer:
+        hits = tracer.closest_hit(np.array(places)[rays], DOWN)
+    assert ours.find_cell_ids(squares)[hits.prim_id].tolist() == cells.tolist()
     assert squares.cell_data == {}
     with pytest.raises(MeshError, match=r"expected a pyvista\.PolyData, not a Mesh"):
         ours.multi_ray_trace(clbvh.make_shape("icosphere", triangles=80), places, [DOWN] * 6)
@@ -103,14 +106,32 @@ def test_points_orders_and_dtypes_are_those_of_trimesh(seed):
     assert ours.multi_ray_trace(pile, [[0.9, 0.2, 5]], [DOWN])[2].tolist() == list(range(150))
 
 
-def test_the_method_of_every_mesh_is_replaced_and_restored(monkeypatch):
-    monkeypatch.setattr(PolyData, "multi_ray_trace", lambda *_: "pyvista's own", raising=False)
+def test_a_segment_hits_cells_in_their_order_up_to_its_end():
+    corners = [[x, y, z] for z in (3, 1, 1, 2) for x, y, _ in POINTS[:4]]
+    floors = PolyData(corners, np.arange(16).reshape(4, 4).tolist(), n_verts=2)
+    segments = (0, 9, [3, 5, 2]), (9, 2, [2, 5]), (2, 1, [5, 3]), (5, 9, []), (1, 1, []), (0, np.nan, [])
+    for begin, end, cells in segments:
+        found = ours.ray_trace(floors, [0.25, 0.5, begin], [0.25, 0.5, end])
+        assert (found[0].dtype, found[1].dtype, found[0].shape) == (np.float32, np.int64, (len(cells), 3))
+        assert (found[1].tolist(), found[0][:, 2].tolist()) == (cells, [{2: 3, 3: 1, 5: 2}[cell] for cell in cells])
+    point, cells = ours.ray_trace(floors, [0.25, 0.5, 0], [0.25, 0.5, 9], first_point=True)
+    assert (point.tolist(), cells.tolist()) == ([0.25, 0.5, 1], [3, 5, 2])
+    with pytest.raises(clbvh.QueryError, match=r"end_point must be \(n,3\), not of shape \(1, 2\)"):
+        ours.ray_trace(floors, [0, 0, 0], [0, 1])
+
+
+def test_methods_of_every_mesh_are_replaced_and_restored(monkeypatch):
+    for name in ("ray_trace", "multi_ray_trace"):
+        monkeypatch.setattr(PolyData, name, lambda *_, **given: given or "pyvista's own", raising=False)
     kind = type("Mesh", (PolyData,), {})
     monkeypatch.setitem(sys.modules, "pyvista", SimpleNamespace(PolyData=kind))
     mesh = kind(POINTS, POLYGONS)
     ours.install()
     ours.install()
     assert mesh.multi_ray_trace([[0.9, 0.2, 5]], [DOWN], first_point=True)[2].tolist() == [0]
+    assert mesh.ray_trace([0.9, 0.2, 5], [0.9, 0.2, -5])[1].tolist() == [0]
+    plotted = mesh.ray_trace([0.9, 0.2, 5], [0.9, 0.2, -5], plot=True)
+    assert plotted == {"first_point": False, "plot": True, "off_screen": None}
     for _ in range(2):
         ours.uninstall()
-        assert mesh.multi_ray_trace([], []) == "pyvista's own"
+        assert mesh.ray_trace([], []) == mesh.multi_ray_trace([], []) == "pyvista's own"

@@ -8,7 +8,7 @@ import trimesh
 
 import clbvh
 from clbvh.geometry.as_mesh import as_mesh
-from clbvh.integrations.pyvista import install, multi_ray_trace, uninstall
+from clbvh.integrations.pyvista import install, multi_ray_trace, ray_trace, uninstall
 
 
 def need(name):
@@ -59,9 +59,23 @@ def test_cells_are_those_of_vtk():
     install()
     try:
         assert mesh.multi_ray_trace(ends, [[0, 0, -1]] * 3)[2].tolist() == expected == [2, 3, 4]
+        assert [int(mesh.ray_trace(end, end * [1, 1, -1])[1][0]) for end in ends] == expected
     finally:
         uninstall()
     assert mesh.array_names == []
+
+
+@pytest.mark.parametrize("first_point", [False, True])
+def test_segments_are_those_of_pyvista(first_point):
+    pyvista = need("pyvista")
+    for mesh in (pyvista.Box(), pyvista.Dodecahedron(), pyvista.Sphere()):
+        # Towards smaller x: those that run to larger x pyvista 0.49 returns the other way round.
+        for end in ([0.19, 0.12, -5], [0.19, 0.12, 0], [-9, 9, 0]):
+            segment = [0.2, 0.1, 5], end
+            found, expected = ray_trace(mesh, *segment, first_point), mesh.ray_trace(*segment, first_point=first_point)
+            np.testing.assert_allclose(found[0], expected[0], rtol=0, atol=1e-6)
+            assert found[1].tolist() == expected[1].tolist()
+            assert [each.dtype for each in found] == [each.dtype for each in expected]
 
 
 def test_meshes_of_open3d():

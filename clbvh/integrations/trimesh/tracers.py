@@ -342,7 +342,8 @@ def _cast_any_rays(tracer: Tracer, query: str, rays: tuple[NDArray[Any], NDArray
         if not bad.any():
             raise
         origins[bad], directions[bad] = 0.0, 1.0
-        return getattr(tracer, query)(origins, directions, t_max=np.where(bad, -1.0, np.inf), **more)
+        more["t_max"] = np.where(bad, -1.0, more.get("t_max", np.inf))
+        return getattr(tracer, query)(origins, directions, **more)
 
 
 _lock = make_lock()
