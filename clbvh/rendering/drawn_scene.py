@@ -104,8 +104,9 @@ class DrawnScene:
 
     @cached_property
     def has_lamps(self) -> bool:
-        """Whether a material emits light."""
-        looks = (shape.appearance for shape in self.looks.shapes if shape.appearance is not None)
+        """Whether a material of what is shown emits light."""
+        shapes, shown = self.looks.shapes, np.unique(self.looks.shape_ids[self.state.masks > 0])
+        looks = (appearance for number in shown if (appearance := shapes[number].appearance) is not None)
         return any(any(material.emission) for each in looks for material in each.materials)
 
     def to_local(self) -> NDArray[np.float64]:

@@ -343,8 +343,10 @@ class Painters:
         return buffers | self._upload(self._find_lights().arrays) if view.shading == "path" else buffers
 
     def _find_lights(self) -> LightTables:
-        looks, scene = self._scene.looks, self._scene
-        return _keep(self._known, "lights", lambda: make_light_tables(looks.shapes, looks.shape_ids, scene.to_local()))
+        (shapes, shape_ids, _), scene = self._scene.looks, self._scene
+        shown = np.flatnonzero(scene.state.masks)
+        make = partial(make_light_tables, shapes, shape_ids[shown], scene.to_local()[shown])
+        return _keep(self._known, "lights", make)
 
     def _find_environment(self, view: View, kernel_view: NDArray[np.void]) -> dict[str, Any]:
         """Return the environment on the device, where it stays for other pictures; describe how it is seen."""

@@ -18,7 +18,7 @@ from ..layouts.device_arrays import make_all_arrays
 from ..scene.state import SceneState
 from ..structs import INSTANCE
 from ..trace.world.surface_arrays import make_surface_arrays
-from ..trace.world.top_tree import find_boxes
+from ..trace.world.top_tree import find_boxes, list_shown, take_instances
 from ..tree_layouts import BVH2_NODE, TREE_LAYOUTS
 
 
@@ -70,11 +70,12 @@ def measure_scene(state: SceneState, trees: Sequence[Bvh], *, traversal_cost: fl
             zip(state.names, state.shapes, trees, placed, strict=True)
         )
     ]
-    lower, upper = find_boxes(make_surface_arrays(state.shapes, state.geometry_ids, state.transforms))
+    arrays = make_surface_arrays(state.shapes, state.geometry_ids, state.transforms)
+    lower, upper = find_boxes(take_instances(arrays, list_shown(state.masks)))
     # As a tracer and a renderer build it, whatever builds the others.
     top = build_top(Boxes.from_arrays(lower, upper, "the instances"))
     # A tree of one leaf still has one node on the device.
-    top_bytes = max(1, top.node_count // 2) * BVH2_NODE.itemsize + state.instance_count * INSTANCE.itemsize
+    top_bytes = max(1, top.node_count // 2) * BVH2_NODE.itemsize + len(lower) * INSTANCE.itemsize
     return {
         "prim_count": sum(each["prim_count"] * each["instance_count"] for each in geometries),
         "lower": lower.min(axis=0).tolist(),

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..geometry.appearance.material import Material
+from ..geometry.arrays import read_numbers
 from ..geometry.spheres import Shape
 
 
@@ -131,6 +132,16 @@ def check_mask(mask: int) -> int:
     if isinstance(mask, bool) or not isinstance(mask, Integral) or not 0 <= mask <= ALL_BITS:
         raise SceneError(f"a mask must be a whole number from 0 to 2^32 - 1, not {shorten(mask)}")
     return int(mask)
+
+
+def check_masks(masks: ArrayLike, count: int) -> NDArray[np.uint32]:
+    """Return the masks of instances, (count,) or one for all; raise `SceneError` unless they are masks."""
+    array = read_numbers(masks, "the masks", SceneError)
+    if array.shape not in ((), (count,)):
+        raise SceneError(f"{count:,} instances need one mask or as many, not an array of shape {array.shape}")
+    if array.size and (array.dtype.kind == "f" or array.min() < 0 or array.max() > ALL_BITS):
+        raise SceneError(f"masks must be whole numbers from 0 to 2^32 - 1, not {shorten(masks)}")
+    return array.astype(np.uint32)
 
 
 def check_colour(colour: ArrayLike | None) -> Colour | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from numbers import Integral
 from typing import Any
 
@@ -30,6 +31,7 @@ from .handles import (
     Instances,
     check_colour,
     check_mask,
+    check_masks,
     check_material,
     shorten,
 )
@@ -643,6 +645,12 @@ class Scene:
         if len(matrices) != len(ids):
             raise SceneError(f"{len(ids):,} instances need as many transforms, not {len(matrices):,}")
         return state.with_transforms(state.check_ids(ids), matrices)
+
+    def _mask(self, state: SceneState, instances: Instances, masks: ArrayLike) -> SceneState:
+        """Return a state of this scene with other masks of some instances; see `Tracer.set_masks`."""
+        ids, changed = state.check_ids(self.instance_ids(instances)), state.masks.copy()
+        changed[ids] = check_masks(masks, len(ids))
+        return replace(state, masks=changed)
 
     def __repr__(self) -> str:
         geometries, instances = self._list_handles()

@@ -1,4 +1,4 @@
-"""The moves of a tracer: vertices, transforms and spheres that change between queries.
+"""The moves of a tracer: vertices, transforms, masks and spheres that change between queries.
 
 How trees follow is in `world/changes.py`.
 """
@@ -114,7 +114,46 @@ class Moves(HasCaster):
         (array([ True]), array([False,  True]))
         """
         with self._changing() as (call, world):
-            self._change(call, Changes.set_transforms, self._changes.move_state(world, instances, transforms))
+            self._change(call, Changes.set_instances, self._changes.move_state(world, instances, transforms))
+
+    def set_masks(self, instances: Instances, masks: ArrayLike) -> None:
+        """Give instances of a scene other masks, and remove them by a mask of 0: only the tree over them is new.
+
+        Parameters
+        ----------
+        instances : Instance, int or str, or several
+            By handle, id or name. The others keep their masks.
+        masks : (n,) int, or int
+            0 to 2^32 - 1, see `Scene.place`; an int for all of these instances. With a mask of 0, no ray and no point
+            sees an instance, it costs them no time, and pictures do not show it, until it gets another mask.
+
+        Raises
+        ------
+        SceneError
+            No such instance, one of another scene, or one that was placed after the tracer was opened; a mask out of
+            range; or an instance that is too small beside the scene.
+        QueryError, DeviceError
+            As of `set_transforms`.
+
+        Notes
+        -----
+        An instance of mask 0 can be moved, and `closest_pair`, `is_colliding` and `collisions` measure it only where it
+        is named. See `set_transforms`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene()
+        >>> ball = scene.place(scene.add(clbvh.make_shape("icosphere", triangles=320)), name="ball")
+        >>> with clbvh.Tracer(scene) as tracer:
+        ...     tracer.set_masks("ball", 0)
+        ...     removed = tracer.any_hit([0, 0, 5], [0, 0, -1])
+        ...     tracer.set_masks("ball", 0b01)
+        ...     removed, tracer.any_hit([[0, 0, 5]] * 2, [0, 0, -1], mask=[0b01, 0b10])
+        (array(False), array([ True, False]))
+        """
+        with self._changing() as (call, world):
+            self._change(call, Changes.set_instances, self._changes.mask_state(world, instances, masks))
 
     def set_vertices(self, geometry: Geometry | str, vertices: ArrayLike) -> None:
         """Move the vertices of a geometry of a scene: its tree is refitted, or built anew where that pays.

@@ -21,6 +21,7 @@ from .clearance.walk import PAIR_BYTES, HostTrees, PairSearch, check_meshes, fin
 from .launch import HasCaster
 from .rays.batch import check_room
 from .world.top_tree import find_boxes
+from .world.world import World
 
 # Pairs of instances whose boxes overlap that a thread tests at a time; after Ctrl-C it tests no more of them.
 _PAIRS = 32
@@ -82,7 +83,8 @@ class PairQueries(HasCaster):
         a : Instance, int or str, or several
             Of the tracer's scene, each with a mesh; by handle, id or name.
         b : Instance, int or str, or several, optional
-            All other instances if left out. Of several, the nearest pair of one of `a` and another one of `b` is found.
+            All other instances if left out, but for those that a mask of 0 removes. Of several, the nearest pair of one
+            of `a` and another one of `b` is found.
         max_distance : float, the scene's units
             What is farther apart is not looked for, which takes less time.
 
@@ -128,9 +130,12 @@ class PairQueries(HasCaster):
         """
         if not (isinstance(max_distance, Real) and max_distance >= 0):
             raise ConfigError(f"max_distance must be a number from 0, not {max_distance!r}")
-        limit = float(max_distance)
-        pairs = self._pair_up(a, b)
+        limit, nothing = float(max_distance), np.full(2, NO_PRIM, np.int32)
+        apart = ClosestPair(np.inf, np.full((2, 3), np.nan), nothing, nothing.copy())
         with self._caster.open_call() as call:
+            pairs = self._pair_up(call.world, a, b)
+            if len(pairs) == 0:
+                return apart
             search = PairSearch.open(call.world, self._host_trees, np.sort(pairs))
             squared = min(limit * search.unit, _FAR) ** 2 * _ROOM + TOUCH
             # To find a touch takes a tenth of the time: not of parts whose boxes are apart.
@@ -143,8 +148,7 @@ class PairQueries(HasCaster):
                 if distance <= limit:
                     way = slice(None, None, 1 if (instances == pairs[index]).all() else -1)
                     return ClosestPair(distance, points[way], prims[way], instances[way].astype(np.int32))
-        nothing = np.full(2, NO_PRIM, np.int32)
-        return ClosestPair(np.inf, np.full((2, 3), np.nan), nothing, nothing.copy())
+        return apart
 
     def is_colliding(
         self,
@@ -168,8 +172,10 @@ class PairQueries(HasCaster):
         >>> tracer.is_colliding(0, 1), tracer.is_colliding(1, 2)
         (True, False)
         """
-        pairs = self._pair_up(a, b)
         with self._caster.open_call() as call:
+            pairs = self._pair_up(call.world, a, b)
+            if len(pairs) == 0:
+                return False
             search = PairSearch.open(call.world, self._host_trees, np.sort(pairs))
             return search.find_one(TOUCH) is not None
 
@@ -179,7 +185,7 @@ class PairQueries(HasCaster):
         Parameters
         ----------
         instances : several instances, ids or names, optional
-            Those that are tested against each other; all of the scene if left out.
+            Those that are tested against each other; if left out, all of the scene whose mask is not 0.
 
         Returns
         -------
@@ -209,6 +215,8 @@ class PairQueries(HasCaster):
         """
         chosen = np.unique(self._changes.choose_instances(None, instances))
         with self._caster.open_call() as call:
+            if instances is None:
+                chosen = np.flatnonzero(call.world.state.masks)
             check_meshes(call.world, chosen)
             lower, upper = find_boxes(call.world.arrays)
             pairs = chosen[find_overlaps(lower[chosen], upper[chosen])]
@@ -224,8 +232,8 @@ class PairQueries(HasCaster):
             call.threads.run(test, cut_range(0, len(pairs), -(-len(pairs) // _PAIRS)))
             return pairs[touches].astype(np.int32)
 
-    def _pair_up(self, a: Any, b: Any) -> NDArray[np.int64]:
-        """Return the pairs of different instances of two lists, once each, (n, 2)."""
+    def _pair_up(self, world: World, a: Any, b: Any) -> NDArray[np.int64]:
+        """Return the pairs of different instances of two lists, once each, (n, 2); see `closest_pair`."""
         ones, others = (self._changes.choose_instances(None, each) for each in (a, b))
         if b is None:
             others = np.setdiff1d(others, ones)
@@ -237,4 +245,4 @@ class PairQueries(HasCaster):
         pairs = pairs[np.sort(first)]
         if len(pairs) == 0:
             raise QueryError("a distance needs two different instances")
-        return pairs
+        return pairs if b is not None else pairs[world.state.masks[pairs[:, 1]] > 0]

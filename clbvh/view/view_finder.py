@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..errors import SceneError
 from ..geometry import Mesh, Shape, Spheres
 from ..kinds import TRIANGLES
 from ..support.settings import Vector
@@ -92,6 +93,11 @@ class ViewFinder:
         return self._keep("camera", key, lambda: self._choose_camera(view, **chosen))
 
     def _choose_camera(self, view: View, **chosen: Any) -> Camera:
+        if self._whole.is_empty and None in (view.eye, view.look_at):
+            raise SceneError(
+                "the scene shows nothing that a camera could frame: place a geometry, as in "
+                "scene.place(scene.add(mesh)), or give `eye` and `look_at`, or a camera"
+            )
         camera = frame_scene(
             self.bounds(view),
             aspect=view.width / view.height,

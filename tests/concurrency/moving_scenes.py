@@ -44,6 +44,22 @@ class MovingScene:
         ]
 
 
+class MovingMasks:
+    """A ball in front of another one, of which queries see both, either or none."""
+
+    def __init__(self):
+        ball = clbvh.make_shape("icosphere", triangles=320)
+        self.source = clbvh.Scene(ball)
+        self.source.place(self.source.geometries[0], clbvh.Transform(translate=(0.5, 0, 3)))
+        masks = [3, 3], [0, 3], [1, 0], [0, 0]
+        self.changes = (lambda tracer, state: tracer.set_masks([0, 1], masks[state]),)
+        self._mesh = ball
+
+    def make_queries(self):
+        """Return (kind, arguments), those of points, too."""
+        return make_queries(self._mesh, (1, 700), seed=1)
+
+
 class MovingMesh:
     """A lone mesh."""
 

@@ -16,7 +16,7 @@ from clbvh.support import opened
 from clbvh.trace.rays import pieces
 
 from ..profiles import is_long
-from .moving_scenes import STATES, MovingMesh, MovingScene, MovingSpheres
+from .moving_scenes import STATES, MovingMasks, MovingMesh, MovingScene, MovingSpheres
 from .queries import ask
 from .threads import run_in_threads
 
@@ -26,6 +26,7 @@ CHANGES = 400 if is_long() else 40
 MOVING = {
     "mesh": MovingMesh,
     "scene": MovingScene,
+    "masks": MovingMasks,
     "spheres": lambda: MovingSpheres(is_alone=True),
     "spheres among others": lambda: MovingSpheres(is_alone=False),
 }

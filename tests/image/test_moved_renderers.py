@@ -72,6 +72,28 @@ def test_pictures_are_those_of_a_new_renderer(scene, settings):
         assert renderer.scene.find("knot").transform[0, 3] == 0
 
 
+@pytest.mark.parametrize("settings", SETTINGS, ids=["studio", "lambert+shadow", "path", "path in an environment"])
+def test_removed_instances_are_not_drawn(scene, settings):
+    rest = Scene()
+    for one in (scene.find("knot"), scene.find("floor")):
+        rest.place(rest.add(one.geometry.shape), one.matrix, name=one.name, colour=one.colour)
+    with Renderer(scene, **SIZE, **settings) as renderer:
+        before = renderer.render()
+        renderer.tracer.set_masks(["panel", "glow"], 0)  # the light
+        picture, expected = renderer.render(), clbvh.render(rest, **SIZE, **settings)
+        assert picture.camera == expected.camera
+        # By `path` the others are one mesh, where nothing is removed.
+        assert np.abs(picture.rgb.astype(int) - expected.rgb).mean() <= 0.05 * (settings["shading"] == "path")
+        renderer.tracer.set_masks(scene.instances, 0)
+        camera = Camera((0, 1, 6), (0, 0, 0))
+        assert renderer.render(camera=camera).report()["hits"] == 0
+        if "camera" not in settings:
+            with pytest.raises(SceneError, match="nothing that a camera could frame"):
+                renderer.render()
+        renderer.tracer.set_masks(scene.instances, 1)
+        assert same_picture(renderer.render(), before)
+
+
 def test_the_second_pose_of_a_motion_begins_where_an_instance_is(scene):
     with Renderer(scene, **SIZE) as renderer:
         renderer.set_transforms(NAMES, [*POSES[0]])

@@ -1,5 +1,6 @@
 """Scenes that move: after any moves the hits are those of a new tracer over the moved scene, bit for bit."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,12 +12,14 @@ from clbvh.tree_layouts import TREE_LAYOUTS
 
 from ..profiles import examples, seeds
 from ..unit.trace.scene_states import affine, scene_of
-from .random_scenes import GRID, KINDS, LINEAR, RAY_MASKS, RAYS, make_rays, make_scene, random_scenes
+from .random_scenes import GRID, KINDS, LINEAR, MASKS, RAY_MASKS, RAYS, make_rays, make_scene, random_scenes
 
 FIELDS = ("t", "u", "v", "prim_id", "instance_id", "geometry_id", "is_front", "locations")
 NEAR = ("distance", "point", "prim_id", "instance_id", "geometry_id")
 
-MOVES = ("some transforms", "all transforms", "the same transforms", "bend", "shake", "shift", "the same vertices")
+MOVES = (
+    "some transforms", "all transforms", "the same transforms", "masks", "bend", "shake", "shift", "the same vertices"
+)  # fmt: skip
 
 
 def draw_transforms(count, generator):
@@ -46,6 +49,10 @@ def apply(move, tracer, contents, state, generator):
         )
         tracer.set_transforms(chosen, transforms)
         return state.with_transforms(chosen, transforms)
+    if move == "masks":
+        masks = generator.choice(MASKS, len(state.masks))
+        tracer.set_masks(np.arange(len(masks)), masks)
+        return replace(state, masks=masks.astype(np.uint32))
     geometry = int(generator.integers(0, len(state.shapes)))
     shape = state.shapes[geometry]
     if isinstance(shape, Mesh):

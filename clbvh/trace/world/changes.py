@@ -1,4 +1,4 @@
-"""Changes of a world: shapes and transforms that move. Each makes a new world, which shares what stays the same.
+"""Changes of a world: shapes, transforms and masks. Each makes a new world, which shares what stays the same.
 
 So a query sees one world from its first to its last line, a change waits for none, and one that fails or is interrupted
 has changed nothing: it leaves an unreferenced world.
@@ -92,9 +92,13 @@ class Changes:
         """Return the state of a world with other transforms; see `Tracer.set_transforms`."""
         return self._scene._move(world.state, instances, transforms)
 
-    def set_transforms(self, world: World, state: SceneState, session: DeviceSession) -> World:
-        """Return a world in a state of other transforms."""
-        return world.with_transforms(state, session)
+    def mask_state(self, world: World, instances: Instances, masks: ArrayLike) -> SceneState:
+        """Return the state of a world with other masks; see `Tracer.set_masks`."""
+        return self._scene._mask(world.state, instances, masks)
+
+    def set_instances(self, world: World, state: SceneState, session: DeviceSession) -> World:
+        """Return a world in a state of other transforms or masks."""
+        return world.with_state(state, session)
 
     def find_shape(self, world: World, geometry: Geometry | str) -> tuple[int, Shape]:
         """Return the id of a geometry, and its shape as it is now."""

@@ -167,12 +167,13 @@ class World:
         return Surplus.find(self.state)
 
     def shapes_of(self, instance_ids: NDArray[np.integer] | None) -> list[Shape]:
-        """Return the shapes that some instances place, or all of them for None."""
-        geometry_ids = self.state.geometry_ids if instance_ids is None else self.state.geometry_ids[instance_ids]
+        """Return the shapes that some instances place, or all of them for None; without those whose mask is 0."""
+        chosen = slice(None) if instance_ids is None else instance_ids
+        geometry_ids = self.state.geometry_ids[chosen][self.state.masks[chosen] > 0]
         return [self.state.shapes[geometry_id] for geometry_id in np.unique(geometry_ids)]
 
-    def with_transforms(self, state: SceneState, session: DeviceSession) -> World:
-        """Return the world with other transforms; all but the tree over the instances is shared.
+    def with_state(self, state: SceneState, session: DeviceSession) -> World:
+        """Return the world with other transforms or masks; all but the tree over the instances is shared.
 
         Parameters
         ----------

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import Mesh, Shape
+from ...geometry.loading.file_parts import POINT
 from ...scene.state import SceneState
 
 _Array = NDArray[np.float64]
@@ -105,11 +106,15 @@ class SceneBounds:
         units, or 0.
     local_box : (2, 3) float
         The box in local coordinates, which are ``(point - origin) * scale``.
+    is_empty : bool
+        Whether nothing is shown, and a point is in its place.
 
     Notes
     -----
     One mesh in its own place has its own local coordinates, and float32 vertices: those that are drawn.
     """
+
+    is_empty = False
 
     def __init__(self, shapes: Sequence[Shape], geometry_ids: NDArray[np.integer], transforms: _Array) -> None:
         self.shapes = shapes
@@ -133,9 +138,14 @@ class SceneBounds:
 
     @classmethod
     def of_state(cls, state: SceneState) -> SceneBounds:
-        """Return the bounds of a scene; NaN where float64 has no room for them."""
+        """Return the bounds of the instances of a scene whose mask is not 0; NaN where float64 has no room for them."""
+        shown = state.masks > 0
+        if not shown.any():
+            bounds = cls.of_mesh(Mesh.from_arrays(*POINT))
+            bounds.is_empty = True
+            return bounds
         with np.errstate(over="ignore", invalid="ignore"):
-            return cls(state.shapes, state.geometry_ids, state.transforms)
+            return cls(state.shapes, state.geometry_ids[shown], state.transforms[shown])
 
     @classmethod
     def of_mesh(cls, mesh: Mesh) -> SceneBounds:

@@ -273,6 +273,20 @@ def test_ctrl_c_ends_a_long_search_early(session):
         assert len(tracer.collisions(range(3))) == 3
 
 
+def test_removed_parts_are_measured_only_where_they_are_named(row):
+    tracer, _ = row
+    pairs, other = tracer.collisions().tolist(), tracer.closest_pair(4)
+    tracer.set_masks(1, 0)
+    assert tracer.collisions().tolist() == [pair for pair in pairs if 1 not in pair]
+    assert tracer.is_colliding(0, 1)
+    assert not tracer.is_colliding(0)
+    assert tracer.collisions([0, 1]).tolist() == [[0, 1]]
+    tracer.set_masks(range(4), 0)
+    assert tracer.closest_pair(4).distance == np.inf
+    assert (tracer.is_colliding(4), tracer.collisions().tolist()) == (False, [])
+    assert tracer.closest_pair(4, range(4)).distance == other.distance
+
+
 def test_moved_parts_are_measured_where_they_are(row):
     tracer, scene = row
     tracer.set_transforms(4, Transform(translate=(7, 0, 0)).matrix)

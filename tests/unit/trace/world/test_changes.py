@@ -1,5 +1,8 @@
 """Scenes that move: when their trees are built anew, what stays, what is refused; `tests/property` has any moves."""
 
+import pickle
+import warnings
+
 import numpy as np
 import pytest
 
@@ -130,6 +133,8 @@ def test_wrong_changes_are_refused_and_change_nothing(transforms, spheres, rays)
             (SceneError, tracer.set_transforms, 0, np.full((4, 4), np.nan)),
             (SceneError, tracer.set_transforms, [0, 1], np.eye(4)),
             (SceneError, tracer.set_transforms, 99, np.eye(4)),
+            *((SceneError, tracer.set_masks, 0, mask) for mask in (-1, 2**32, 1.5, True, None, [1, 2], [[1]])),
+            (SceneError, tracer.set_masks, late, 1),
             (MeshError, tracer.set_vertices, knot, KNOT.vertices[1:]),
             (SceneError, tracer.set_vertices, other.geometries[0], KNOT.vertices),
             (MeshError, tracer.set_spheres, dots, spheres.centres[1:]),
@@ -164,6 +169,59 @@ def test_a_mesh_is_a_scene_of_one_instance():
             assert tracer.mesh.vertices.tobytes() == (2 * BALL.vertices).tobytes()
             with pytest.raises(SceneError, match="instance"):
                 tracer.set_transforms(1, np.eye(4))
+
+
+@pytest.mark.parametrize("masks", [(0, 2, 4, 8), (1, 0, 0, 8)])
+def test_an_instance_of_mask_0_is_removed_until_it_gets_another(transforms, spheres, rays, masks):
+    scene, rest = make_scene(KNOT, BALL, spheres, transforms), clbvh.Scene()
+    kept, removed = np.flatnonzero(masks), np.flatnonzero(np.equal(masks, 0))
+    for number in kept:
+        rest.place(rest.add(scene.instances[number].geometry.shape), transforms[number])
+    with clbvh.Tracer(scene) as tracer, clbvh.Tracer(rest) as other:
+        before = bytes_of(tracer.closest_hit(*rays))
+        tracer.set_masks(scene.instances, masks)
+        tracer.set_masks([], [])
+        hits = tracer.closest_hit(*rays)
+        assert np.unique(hits.instance_id).tolist() == [-1, *kept]
+        assert hits.t.tobytes() == other.closest_hit(*rays).t.tobytes()
+        # It costs nothing: its box is not in the tree.
+        one, another = (each._caster.world for each in (tracer, other))
+        assert one.top.nodes.tobytes() == another.top.nodes.tobytes()
+        assert one.box_numbers.tobytes() == another.box_numbers.tobytes()
+        assert np.isinf(tracer.closest_point(rays[0][:50], instance=removed).distance).all()
+        assert bytes_of(pickle.loads(pickle.dumps(tracer)).closest_hit(*rays)) == bytes_of(hits)
+        tracer.set_masks(scene.instances, 0)
+        assert not tracer.any_hit(*rays).any()
+        tracer.set_masks(scene.instances, MASKS)
+        assert bytes_of(tracer.closest_hit(*rays)) == before
+
+
+def test_what_is_removed_has_no_say():
+    """Neither that it is open, nor that it is too small beside the scene."""
+    scene = clbvh.Scene(BALL)
+    scene.place(scene.geometries[0], mask=0)
+    hole = scene.place(scene.add(([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])))
+    with clbvh.Tracer(scene) as tracer:
+        tracer.set_masks(hole, 0)
+        with warnings.catch_warnings(action="error"):
+            assert tracer.contains([0, 0, 0.5])
+        tracer.set_transforms(hole, clbvh.Transform(scale=1e-25))
+        with pytest.raises(SceneError, match="the instance 2 is smaller"):
+            tracer.set_masks(hole, 1)
+        assert tracer.contains([0, 0, 0.5])
+
+
+def test_a_mesh_can_be_removed_and_comes_back():
+    above, down = [[0, 0, 9]], [[0, 0, -1]]
+    with clbvh.Tracer(BALL) as tracer:
+        before = tracer.closest_hit(above, down)
+        tracer.set_masks(0, 0)
+        assert not tracer.any_hit(above, down)
+        tracer.set_masks(0, 2)
+        assert tracer.any_hit(above * 3, down, mask=[1, 2, 3]).tolist() == [False, True, True]
+        tracer.set_masks(0, 0xFFFFFFFF)
+        assert bytes_of(tracer.closest_hit(above, down)) == bytes_of(before)
+        tracer.update(2 * BALL.vertices)
 
 
 def test_an_empty_scene_is_refused():
