@@ -154,7 +154,7 @@ def _make_facts(report: dict[str, Any]) -> Any:
         describe_count(report["spheres"], "sphere") if report.get("spheres") else "",
     )
     trees = join_facts(
-        describe_count(report["nodes"], "node"),
+        describe_count(report["nodes"] or 0, "node"),
         f"depth {report['depth']}{' of both levels' if scene else ''}",
         f"SAH cost {sah_cost:.2f}" if sah_cost is not None else "",
         "from the cache" if report["tree_from_cache"] else describe_workers(report["workers"]),

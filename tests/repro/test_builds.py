@@ -9,11 +9,18 @@ import types
 import numpy as np
 import pytest
 
-from clbvh import Mesh, PoolError, SubtreePool, Tracer, build, validate_tree
+from clbvh import Mesh, PoolError, SubtreePool, Tracer, build, make_shape, validate_tree
 from clbvh.builders.processes import pool as pool_module
 from clbvh.builders.processes.pool import open_executor
 
+from ..cli.command import run_clbvh
 from ..soup import make_soup
+
+
+def test_the_table_of_a_picture_without_a_tree_was_a_traceback(tmp_path):
+    make_shape("icosphere", triangles=80).save(tmp_path / "ball.ply")
+    answer = run_clbvh("render", tmp_path / "ball.ply", "-o", tmp_path / "ball.png", "--builder", "brute")
+    assert (answer.returncode, "layout brute" in answer.stdout) == (0, True)
 
 
 @pytest.mark.parametrize("failing", [0, 1])
