@@ -51,7 +51,6 @@ class BuildResult:
     Attributes
     ----------
     bvhs : tuple of Bvh
-        At least one.
     workers : int
         Threads that built one, at most; 0 for trees from the cache or from a device.
     from_cache : bool
@@ -131,6 +130,8 @@ def get_trees(
     But those of many small shapes are in no cache: they are built in less time than files are opened.
     """
     watch = Stopwatch()
+    if not shapes:
+        return BuildResult((), 0, False, dict.fromkeys(("cache", "build"), 0.0))
     shared = find_options(shapes[0])
     small = build_small_shapes(shapes, shared.builder, lambda shape: find_options(shape).build, shared.workers)
     watch.lap("build")

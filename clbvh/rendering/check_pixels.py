@@ -35,7 +35,7 @@ def check_pixels(picture: Picture) -> Picture:
     prim_counts = np.array([shape.prim_count for shape in state.shapes], np.int64)[state.geometry_ids]
     # Of one ray, about, and one test of each instance's bounding sphere.
     test_count = int(np.sort(prim_counts)[-_INSTANCES_PER_RAY:].sum()) + len(prim_counts)
-    pixel_count = min(width * height, max(1, _MOST_TESTS // test_count))
+    pixel_count = min(width * height, max(1, _MOST_TESTS // max(1, test_count)))
     # Spread evenly over the picture, the same ones each time; all of them if there are few.
     pixels = np.linspace(0, width * height - 1, pixel_count).astype(np.int64)
     # Outside the circle of a fisheye, pixels have rays that nobody casts.

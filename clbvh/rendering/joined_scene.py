@@ -125,7 +125,7 @@ def can_join(scene: DrawnScene) -> bool:
     """Return whether one mesh shows what the instances of a scene show."""
     state = scene.state
     placed = [state.shapes[geometry] for geometry in np.unique(state.geometry_ids)]
-    if state.placed_prim_count > _MOST_TRIANGLES or not state.masks.all():
+    if not 0 < state.placed_prim_count <= _MOST_TRIANGLES or not state.masks.all():
         return False
     # The light of a shape is drawn if no corner of it is transparent, see `find_lights`.
     if not all(isinstance(shape, Mesh) and has_whole_colours(shape.appearance) for shape in placed):

@@ -18,7 +18,7 @@ from ..device.info import DeviceInfo
 from ..device.open import open_device
 from ..device.session import DeviceSession
 from ..device.times import CommandTimes
-from ..errors import QueryError, SceneError
+from ..errors import QueryError
 from ..geometry import MeshLike, Shape, Spheres
 from ..geometry.as_mesh import HasGraph
 from ..layouts.device_mesh import open_session, take_shape
@@ -87,8 +87,6 @@ class Opening(NamedTuple):
     ) -> tuple[Self, Plans]:  # fmt: skip
         """Return the opening of a scene as it is now, and the plans of its trees; those of options are built here."""
         state = scene.snapshot()
-        if state.instance_count == 0:
-            raise SceneError("the scene is empty: add a geometry and place it, as in scene.place(scene.add(mesh))")
         check_fit(device, layout, state.shapes)
         opening = cls(scene, state, tree, device, layout, building)
         if tree is not None:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ..bvh import Bvh
+from ..errors import SceneError
 from ..files.open_scene import SceneLike, as_scene
 from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
@@ -103,6 +104,8 @@ def prepare(
     own = default
     if not isinstance(source, Bvh):  # whose tree is not built again
         source, own = as_scene(source)
+        if not source.snapshot().masks.any():
+            raise SceneError("the scene is empty: place a geometry to look at, as in scene.place(scene.add(mesh))")
     settings |= {"own": own, "view": (view or own).changed(**changes)}
     # The first picture is one that needs no tables of surfaces: it is there half a second sooner.
     first = settings["view"].changed(shading=FIRST_SHADING, samples=None)

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from .command import make_environment, run_clbvh
+import clbvh
+
+from .command import make_environment, refuses, run_clbvh
 
 SIZE = ("--width", 48, "--height", 36)
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
@@ -102,6 +104,15 @@ def test_hits_and_json_of_one_mesh_agree(mesh, tmp_path):
     is_hit = hits["prim_id"] >= 0
     assert 0 < is_hit.sum() == report["hits"] < report["rays"]
     np.testing.assert_array_equal(np.isfinite(hits["t"]), is_hit)
+
+
+def test_an_empty_scene_needs_a_camera(tmp_path):
+    clbvh.Scene().save(tmp_path / "empty.scene")
+    words = "render", tmp_path / "empty.scene", "-o", tmp_path / "a.png", *SIZE
+    refuses(run_clbvh(*words), 2, "nothing that a camera could frame")
+    result = run_clbvh(*words, "--eye", "0,0,5", "--look-at", "0,0,0")
+    assert (result.returncode, "0 of 1,728 rays hit" in result.stdout) == (0, True)
+    refuses(run_clbvh("stats", tmp_path / "empty.scene"), 2, "the scene is empty")
 
 
 def test_several_meshes_and_their_parts_are_named(mesh, tmp_path):

@@ -29,7 +29,7 @@ from ...device.info import DeviceInfo
 from ...errors import ConfigError, DeviceError, QueryError, SceneError
 from ...geometry import Mesh
 from ...geometry.as_mesh import as_mesh
-from ...geometry.loading.file_parts import POINT, find_hidden
+from ...geometry.loading.file_parts import find_hidden
 from ...geometry.loading.trimesh import list_nodes
 from ...geometry.topology import find_corner_faces, find_points
 from ...scene.handles import Geometry
@@ -147,8 +147,6 @@ class Followed:
             scene.place(geometries[name], transform)
         if not nodes and not list_nodes(thing):
             raise SceneError("the scene has no node with a triangle mesh: rays need a surface")
-        if not nodes:
-            scene.place(scene.add(Mesh.from_arrays(*POINT, name="hidden")))
         return cls(graph, nodes, transforms, hashes, shapes, scene, geometries)
 
     @property

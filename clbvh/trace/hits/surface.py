@@ -106,7 +106,7 @@ class Surface:
             begins += [first + part.begin for part in parts] or [first]
             numbers += range(len(parts)) if parts else [NO_PRIM]
             first += shape.prim_count
-        own = np.array(firsts, np.int64)[self.geometry_ids(points.instance_id)] + points.prim_id
+        own = np.array(firsts or [0], np.int64)[self.geometry_ids(points.instance_id)] + points.prim_id
         prims = np.where(points.prim_id == NO_PRIM, -1, own)
         return np.asarray(np.array(numbers, np.int32)[np.searchsorted(begins, prims, side="right") - 1])
 

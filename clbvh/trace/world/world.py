@@ -43,7 +43,6 @@ class World:
     Attributes
     ----------
     state : SceneState
-        At least one instance.
     trees : DeviceTrees
         By geometry id.
     find_arrays : function
@@ -148,8 +147,8 @@ class World:
     @cached_property
     def mesh(self) -> Mesh | None:
         """The mesh of a lone world; None of others."""
-        shape = self.state.shapes[0]
-        return shape if self.is_lone and isinstance(shape, Mesh) else None
+        shape = self.state.shapes[0] if self.is_lone else None
+        return shape if isinstance(shape, Mesh) else None
 
     @property
     def most_hits(self) -> int:
@@ -181,8 +180,7 @@ class World:
         session : DeviceSession
             A branch of the owner's, for this thread.
         """
-        arrays = None if self.is_lone else move_instances(self.arrays, state.transforms)
-        return place(self.trees, state, session, arrays, self.refine_buffers)
+        return place(self.trees, state, session, None if self.is_lone else self.arrays, self.refine_buffers)
 
 
 def make_defines(layout: str, stack_size: int, *, is_lone: bool, kinds: Collection[Kind]) -> dict[str, int]:
@@ -197,6 +195,16 @@ def is_lone(state: SceneState) -> bool:
     return state.lone_shape is not None and int(state.geometry_ids[0]) == 0
 
 
+def with_any_instance(state: SceneState) -> SceneState:
+    """Return a scene; one without instances with an instance that nothing sees, as kernels need one."""
+    if state.instance_count:
+        return state
+    return replace(
+        state, shapes=state.shapes or (Mesh.from_arrays(np.eye(3), [[0, 1, 2]]),), geometry_ids=np.zeros(1, np.int32),
+        transforms=np.eye(4)[None], masks=np.zeros(1, np.uint32),
+    )  # fmt: skip
+
+
 def open_world(
     session: DeviceSession, state: SceneState, bvhs: Sequence[Bvh | BuildOptions] | None, layout: str = "auto"
 ) -> World:
@@ -207,11 +215,10 @@ def open_world(
     session : DeviceSession
         Owns the buffers.
     state : SceneState
-        At least one instance.
     bvhs : sequence of Bvh or BuildOptions, or None
-        The tree of each geometry, or the options by which the device builds it. None: no tree but the one over the
-        instances, and the layout ``"brute"``, whatever is asked: each primitive of an instance is tested against each
-        ray that meets its box.
+        The tree of each geometry, or the options by which the device builds it. Without any: no tree but the one over
+        the instances, and the layout ``"brute"``, whatever is asked: each primitive of an instance is tested against
+        each ray that meets its box.
     layout : str
         Of the geometries' trees; ``"auto"`` takes what suits the device.
 
@@ -225,12 +232,13 @@ def open_world(
         The scene does not fit the device.
     """
     check_layout(layout)
-    chosen = BRUTE if bvhs is None else choose_layout(layout, session.info, state.shapes)
-    if bvhs is None:
-        new = [NewTree.without_nodes(shape) for shape in state.shapes]
+    shapes = with_any_instance(state).shapes
+    chosen = choose_layout(layout, session.info, shapes) if bvhs else BRUTE
+    if bvhs:
+        new = NewTree.make_all(session, shapes, bvhs, chosen)
     else:
-        new = NewTree.make_all(session, state.shapes, bvhs, chosen)
-    trees = DeviceTrees.join(session, state.shapes, new, chosen)
+        new = [NewTree.without_nodes(shape) for shape in shapes]
+    trees = DeviceTrees.join(session, shapes, new, chosen)
     # Queries have queues of their own, which do not wait for trees that the device still writes.
     session.finish()
     return place(trees, state, session)
@@ -249,7 +257,7 @@ def place(
     session : DeviceSession
         The owner of the trees, or a branch of it.
     arrays : SurfaceArrays, optional
-        Of the state, if they are there already.
+        Of the state with other transforms, if they are there already.
     before : RefineBuffers, optional
         Of the world that this one follows.
 
@@ -268,8 +276,12 @@ def place(
         exact = _put_exact(trees, state, session, find_arrays, None, refine_buffers)
         fitting = _fit_rounding(find_arrays, exact)
         return World(state, trees, fitting, trees.box, None, {}, metrics, refine_buffers, exact)
-    arrays = arrays or make_surface_arrays(state.shapes, state.geometry_ids, state.transforms)
-    top = TopTree.build(arrays, trees.ranges, state.masks)
+    placed = with_any_instance(state)
+    if arrays is None:
+        arrays = make_surface_arrays(placed.shapes, placed.geometry_ids, placed.transforms)
+    else:
+        arrays = move_instances(arrays, placed.transforms)
+    top = TopTree.build(arrays, trees.ranges, placed.masks)
     buffers = {}
     for name, array in (("top_nodes", top.nodes), ("instances", top.instances)):
         buffers[name] = trees.session.allocate(array.nbytes, writable=False)

@@ -222,8 +222,3 @@ def test_a_mesh_can_be_removed_and_comes_back():
         tracer.set_masks(0, 0xFFFFFFFF)
         assert bytes_of(tracer.closest_hit(above, down)) == bytes_of(before)
         tracer.update(2 * BALL.vertices)
-
-
-def test_an_empty_scene_is_refused():
-    with pytest.raises(SceneError, match="the scene is empty"):
-        clbvh.Tracer(clbvh.Scene())
