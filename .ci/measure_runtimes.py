@@ -27,7 +27,7 @@ def measure(mesh_name: str, device: str) -> dict[str, object]:
     import numpy as np
 
     import clbvh
-    from clbvh.view.cameras.framing import frame_mesh
+    from clbvh.views.cameras.framing import frame_mesh
 
     mesh = clbvh.load_mesh(mesh_name) if Path(mesh_name).is_file() else clbvh.make_shape(mesh_name, triangles=300_000)
     bvh = clbvh.build(mesh)

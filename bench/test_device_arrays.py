@@ -6,7 +6,7 @@ import pyopencl.array
 import pytest
 
 import clbvh
-from clbvh.view.cameras.framing import frame_mesh
+from clbvh.views.cameras.framing import frame_mesh
 
 from .paired import compare, measure_ms
 

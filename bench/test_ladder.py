@@ -11,7 +11,7 @@ import pytest
 import clbvh
 from clbvh.builders.build import build_tree
 from clbvh.builders.ladder.variants import VARIANTS
-from clbvh.view.cameras.framing import frame_mesh
+from clbvh.views.cameras.framing import frame_mesh
 
 RUNS = 9
 WORKERS = (1, 2)

@@ -8,7 +8,7 @@ import pytest
 import clbvh
 from clbvh.integrations.trimesh import RayMeshIntersector
 from clbvh.study.experiments.peers import choose_points, scatter_rays
-from clbvh.view.cameras.framing import frame_mesh
+from clbvh.views.cameras.framing import frame_mesh
 
 from .paired import compare, measure_ms
 

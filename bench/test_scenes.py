@@ -12,7 +12,7 @@ import pytest
 
 import clbvh
 from clbvh.study.engines import Rival
-from clbvh.view.cameras.framing import frame_mesh
+from clbvh.views.cameras.framing import frame_mesh
 
 from .paired import DEFAULT_RUNS, compare, measure_ms
 from .scene_engines import open3d_flattened, ours, trimesh_loop

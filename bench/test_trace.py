@@ -12,7 +12,7 @@ import clbvh
 from clbvh.trace import put_rays
 from clbvh.trace.rays.pieces import Piece, cut_rays
 from clbvh.tree_layouts import TREE_LAYOUTS
-from clbvh.view.cameras.framing import frame_mesh
+from clbvh.views.cameras.framing import frame_mesh
 
 from .paired import DEFAULT_RUNS, measure_ms
 

@@ -7,7 +7,7 @@ import pytest
 
 import clbvh
 from clbvh.rendering.heat_map import measure_rays
-from clbvh.view.cameras.framing import frame_mesh
+from clbvh.views.cameras.framing import frame_mesh
 
 from .paired import compare, measure_ms
 

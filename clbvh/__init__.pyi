@@ -64,10 +64,10 @@ from .trace.points.refine import AllClosestPoints as AllClosestPoints, ClosestPo
 from .trace.rays.pieces import Progress as Progress
 from .trace.shards import ShardedTracer as ShardedTracer
 from .trace.tracer import Traceable as Traceable, Tracer as Tracer
-from .view.cameras.camera import Camera as Camera
-from .view.cameras.lens import Lens as Lens
-from .view.cameras.projection import Fisheye as Fisheye, Orthographic as Orthographic, Panorama as Panorama
-from .view.cut import Cut as Cut
-from .view.environment_map import EnvironmentMap as EnvironmentMap
-from .view.view import Light as Light, Section as Section, View as View, Wireframe as Wireframe
 from .viewer.open import view as view
+from .views.cameras.camera import Camera as Camera
+from .views.cameras.lens import Lens as Lens
+from .views.cameras.projection import Fisheye as Fisheye, Orthographic as Orthographic, Panorama as Panorama
+from .views.cut import Cut as Cut
+from .views.environment_map import EnvironmentMap as EnvironmentMap
+from .views.view import Light as Light, Section as Section, View as View, Wireframe as Wireframe

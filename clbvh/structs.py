@@ -322,7 +322,7 @@ VIEW = np.dtype(
         ("lens_right", "f4", 3),
         ("lens_up", "f4", 3),
         ("inverse_focus", "f4"),
-        # The picture in the plane of its projection, see clbvh/view/cameras/lens.py.
+        # The picture in the plane of its projection, see clbvh/views/cameras/lens.py.
         ("centre", "f4", 2),
         ("half_size", "f4", 2),
         ("shear", "f4"),

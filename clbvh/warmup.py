@@ -59,6 +59,7 @@ def _cast(source: clbvh.Scene | clbvh.Mesh, device: clbvh.DeviceInfo) -> None:
             tracer.all_hits(origins, directions)
             tracer.closest_point(origins)
             tracer.closest_points(origins, 2)
+            tracer.prims_in_boxes(origins, origins + 1)
             tracer.contains(origins)
             tracer.signed_distance(origins)
             tracer.ambient_occlusion(origins, directions, rays=1)

@@ -1,6 +1,6 @@
 // Lines along the edges of triangles, drawn over what a ray of the camera shows.
 //
-// HAS_WIREFRAME, if defined as 1: the picture may have lines, see clbvh/view/settings.py; their width tells.
+// HAS_WIREFRAME, if defined as 1: the picture may have lines, see clbvh/views/settings.py; their width tells.
 //
 // The edge function of a ray and an edge is linear in the ray. Divided by its change from one pixel to the next it is
 // the distance to the line of the edge, in pixels: exactly in a perspective and in an orthographic picture.

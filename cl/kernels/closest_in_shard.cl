@@ -13,7 +13,7 @@ kernel void closest_in_shard(WORLD_ARGUMENTS, POINT_ARGUMENTS, global hit_t *res
     OPEN_POINT;
 #if LONE
     const world_t world = WORLD(root_of(nodes));
-    nearest_t nearest = make_nearest(make_lone_metric(point.position), ONLY_KIND);
+    nearest_t nearest = make_nearest(make_lone_metric(point.position, (float3)(0.0f)), ONLY_KIND);
     find_nearest(world.nodes, world.blocks.own, world.block_count, &nearest);
     const hit_t hit = {nearest.distance_squared, 0.0f, 0.0f, nearest.prim_id};
     hits[point_id] = hit;

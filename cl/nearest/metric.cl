@@ -25,6 +25,16 @@
 
 #define FINE_BOUNDS (EXACT && LONE && HAS_TRIANGLES)
 
+// How far a box is from zero along each axis, or from a box around zero.
+INLINED point_t way_from(const point_t lower, const point_t upper, const float3 half_sides)
+{
+    const real_t zero = (real_t)(0.0f);
+    const point_t way = {
+        LARGER(LARGER(lower.x, -upper.x) - half_sides.x, zero), LARGER(LARGER(lower.y, -upper.y) - half_sides.y, zero),
+        LARGER(LARGER(lower.z, -upper.z) - half_sides.z, zero)};
+    return way;
+}
+
 #define LONE_SLACK ERROR_BOUND(32)
 #define METRIC_SLACK ERROR_BOUND(64)
 
@@ -38,15 +48,16 @@ INLINED float sum_of(const float3 v)
 typedef struct {
     float3 point;
     float slack;
+    float3 half_sides;  // of a box around the point, or 0
 } metric_t;
 
-// The metric of a lone shape for a point, both in its local coordinates.
-INLINED metric_t make_lone_metric(const float3 point)
+// The metric of a lone shape for a point, or for a box around it, in its local coordinates.
+INLINED metric_t make_lone_metric(const float3 point, const float3 half_sides)
 {
 #if FINE_BOUNDS
-    const metric_t metric = {point, 2.0f * LONE_SLACK * sum_of(magnitude(point))};
+    const metric_t metric = {point, 2.0f * LONE_SLACK * sum_of(magnitude(point)), half_sides};
 #else
-    const metric_t metric = {point, LONE_SLACK * (sum_of(magnitude(point)) + 3.0f)};
+    const metric_t metric = {point, LONE_SLACK * (sum_of(magnitude(point)) + 3.0f), half_sides};
 #endif
     return metric;
 }
@@ -58,19 +69,12 @@ INLINED point_t place_point(const metric_t *metric, const real_t x, const real_t
     return result;
 }
 
-INLINED real_t way_along_axis(const real_t lower, const real_t upper)
-{
-    return LARGER(LARGER(lower, -upper), (real_t)(0.0f));
-}
-
 // How far a box is from the point, along each axis; 0 where the point is within.
 INLINED point_t way_to_box(const metric_t *metric, const point_t aabb_min, const point_t aabb_max)
 {
     const point_t lower = place_point(metric, aabb_min.x, aabb_min.y, aabb_min.z);
     const point_t upper = place_point(metric, aabb_max.x, aabb_max.y, aabb_max.z);
-    const point_t way = {
-        way_along_axis(lower.x, upper.x), way_along_axis(lower.y, upper.y), way_along_axis(lower.z, upper.z)};
-    return way;
+    return way_from(lower, upper, metric->half_sides);
 }
 
 #else
@@ -85,6 +89,8 @@ typedef struct {
     bool is_sheared;
     float3 start;  // the offset
     float slack;
+    float3 half_sides;         // of a box around the point, or 0
+    float3 turned_half_sides;  // of the box around that in rotated axes
     const global metric_record_t *record;
 } metric_t;
 
@@ -122,16 +128,13 @@ INLINED point_t way_to_box(const metric_t *metric, const point_t aabb_min, const
         add_shear(metric->shear.y, aabb_min.z, aabb_max.z, &lower.x, &upper.x);
         add_shear(metric->shear.z, aabb_min.z, aabb_max.z, &lower.y, &upper.y);
     }
-    const real_t zero = (real_t)(0.0f);
-    const point_t way = {
-        LARGER(LARGER(lower.x, -upper.x), zero), LARGER(LARGER(lower.y, -upper.y), zero),
-        LARGER(LARGER(lower.z, -upper.z), zero)};
-    return way;
+    return way_from(lower, upper, metric->turned_half_sides);
 }
 
-// Makes the metric of an instance for a point, given the way from the point to the instance.
-INLINED metric_t
-make_metric(const global instance_t *instance, const global metric_record_t *record, const float3 way)
+// Makes the metric of an instance for a point or for a box around it, given the way from the point to the instance.
+INLINED metric_t make_metric(
+    const global instance_t *instance, const global metric_record_t *record, const float3 way, const bool is_box,
+    const float3 half_sides)
 {
     metric_t metric;
     const float3 size = magnitude(way);
@@ -148,16 +151,24 @@ make_metric(const global instance_t *instance, const global metric_record_t *rec
     metric.is_sheared = record->is_sheared;
     metric.start = transform_vector(record->turn, metric.offset);
     metric.slack = METRIC_SLACK * (sum_of(magnitude(metric.offset)) + unit * record->reach);
+    metric.half_sides = metric.turned_half_sides = half_sides;
+    if (is_box) {
+        metric.half_sides = unit * half_sides;
+        metric.turned_half_sides = (float3)(
+            dot_product(magnitude(load3(record->turn[0])), metric.half_sides),
+            dot_product(magnitude(load3(record->turn[1])), metric.half_sides),
+            dot_product(magnitude(load3(record->turn[2])), metric.half_sides));
+    }
     metric.record = record;
     return metric;
 }
 
-// The metric of a shape for a point, both in the shape's local coordinates.
-INLINED metric_t make_lone_metric(const float3 point)
+// The metric of a shape for a point, or for a box around it, in the shape's local coordinates.
+INLINED metric_t make_lone_metric(const float3 point, const float3 half_sides)
 {
     const metric_t metric = {
         {{1.0f, 0.0f, 0.0f}, {0.0f, 1.0f, 0.0f}, {0.0f, 0.0f, 1.0f}}, -point, 1.0f, (float3)(1.0f), (float3)(0.0f),
-        false, -point, METRIC_SLACK * (sum_of(magnitude(point)) + 3.0f), 0};
+        false, -point, METRIC_SLACK * (sum_of(magnitude(point)) + 3.0f), half_sides, half_sides, 0};
     return metric;
 }
 

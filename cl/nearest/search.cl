@@ -48,6 +48,7 @@ typedef struct {
     int prim_id;
     int kind;                 // of the primitives of the tree that is traversed
     bool is_of_inside;        // solids are at distance zero from the points inside, and not near any others
+    bool is_of_box;           // the distance is that of the boxes around primitives from a box
     near_heap_t kept;
     int instance_id;
 } nearest_t;
@@ -75,12 +76,25 @@ INLINED float slack_of_kept(const metric_t *metric)
 #endif
 }
 
-// The squared distance of a triangle by which it is kept; with fine bounds a lower bound on it, and *upper an upper
-// bound on the distance. NaN stays NaN.
-INLINED real_t
-squared_to_triangle(const metric_t *metric, const point_t a, const point_t b, const point_t c, real_t *upper)
+// The squared distance of the box around a triangle from a box. NaN stays NaN, which minima and maxima may lose.
+INLINED real_t way_squared_to_triangle(const metric_t *metric, const point_t a, const point_t b, const point_t c)
 {
-    const real_t squared = distance_squared_to_triangle(a, b, c);
+    const point_t lower = {
+        SMALLER(SMALLER(a.x, b.x), c.x), SMALLER(SMALLER(a.y, b.y), c.y), SMALLER(SMALLER(a.z, b.z), c.z)};
+    const point_t upper = {
+        LARGER(LARGER(a.x, b.x), c.x), LARGER(LARGER(a.y, b.y), c.y), LARGER(LARGER(a.z, b.z), c.z)};
+    const point_t way = way_from(lower, upper, metric->half_sides);
+    return dot_of(way, way) + (a.x - a.x);
+}
+
+// The squared distance of a triangle by which it is kept, from the point or from a box; with fine bounds a lower bound
+// on it, and *upper an upper bound on the distance. NaN stays NaN.
+INLINED real_t
+squared_to_triangle(const nearest_t *nearest, const point_t a, const point_t b, const point_t c, real_t *upper)
+{
+    const metric_t *metric = &nearest->metric;
+    const real_t squared =
+        nearest->is_of_box ? way_squared_to_triangle(metric, a, b, c) : distance_squared_to_triangle(a, b, c);
 #if FINE_BOUNDS
     const real_t error = ERROR_BOUND(64) * farthest_of(a, b, c) + metric->slack;
     const real_t distance = sqrt(squared);
@@ -118,7 +132,7 @@ INLINED nearest_t make_nearest(const metric_t metric, const int kind)
     nearest.distance_squared = nearest.distance = INFINITY;
     nearest.prim_id = NO_PRIM;
     nearest.kind = kind;
-    nearest.is_of_inside = false;
+    nearest.is_of_inside = nearest.is_of_box = false;
     nearest.kept = no_heap();
     nearest.instance_id = 0;
     return nearest;

@@ -9,6 +9,9 @@ typedef struct {
     float3 position_low;
     uint mask;
     float limit;
+    // The middle of an upright box, and half its sides; 0 of a point.
+    bool is_box;
+    float3 half_sides;
 } point_pair_t;
 
 #if !LONE

@@ -11,7 +11,7 @@
 #define UNDISTORT_DONE 1e-7f
 
 // The point of the plane at distance 1 that a lens shows at (x, y), y upwards: the inverse of OpenCV's distortion, see
-// clbvh/view/cameras/lens.py.
+// clbvh/views/cameras/lens.py.
 INLINED float2 undistort(const global float *coefficients, const float2 shown)
 {
     const float k1 = coefficients[0];

@@ -27,6 +27,15 @@ INLINED real_t distance_squared_to_sphere(const nearest_t *nearest, const point_
     if (nearest->is_of_inside) {
         return dot_of(placed, placed) < radius * radius ? (real_t)(0.0f) : (real_t)(INFINITY);
     }
+    if (nearest->is_of_box) {
+        const point_t way = way_from(placed, placed, metric->half_sides);
+#if !LONE
+        const global float *lengths = metric->record->half_lengths;
+        radius *= metric->unit * larger(lengths[0], larger(lengths[1], lengths[2]));
+#endif
+        const real_t height = LARGER(sqrt(dot_of(way, way)) - radius, (real_t)(0.0f));
+        return height * height + (placed.x - placed.x);  // maxima may lose the NaN of a lane without a sphere
+    }
 #if !LONE
     if (!metric->record->keeps_spheres) {
 #ifdef WIDTH

@@ -192,7 +192,7 @@ INLINED void test_block(nearest_t *nearest, const leaf_t leaf)
 {
     distances_t upper;
     const distances_t squared = {squared_to_triangle(
-        &nearest->metric, place_corners(nearest, leaf, 0), place_corners(nearest, leaf, 1),
+        nearest, place_corners(nearest, leaf, 0), place_corners(nearest, leaf, 1),
         place_corners(nearest, leaf, 2), &upper.lanes)};
     uint near = mask_bits(squared.lanes <= nearest->distance_squared) & lanes_in(leaf);
     for (; near != 0; near &= near - 1) {

@@ -34,7 +34,7 @@ INLINED void test_triangle(nearest_t *nearest, const global block_t *blocks, con
     }
     float upper;
     const float squared = squared_to_triangle(
-        &nearest->metric, place_corner(nearest, corners.a), place_corner(nearest, corners.b),
+        nearest, place_corner(nearest, corners.a), place_corner(nearest, corners.b),
         place_corner(nearest, corners.c), &upper);
     add_distance(nearest, squared, upper, blocks[triangle_index].prim_id);
 }

@@ -1,6 +1,6 @@
 // Rays of the camera at a world of which a part is cut away: the far side of a plane, or the inside of a box.
 //
-// HAS_CUT, if defined as 1: the picture may have a cut, and its kind tells; clbvh/view/cut.py has the same
+// HAS_CUT, if defined as 1: the picture may have a cut, and its kind tells; clbvh/views/cut.py has the same
 // formulas.
 
 #include "structs.cl"

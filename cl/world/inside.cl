@@ -51,7 +51,7 @@ INLINED bool is_in_shape(
     const global uint *surplus)
 {
     if (!IS_TRIANGLES(kind)) {
-        nearest_t nearest = make_nearest(make_lone_metric(ray->origin), kind);
+        nearest_t nearest = make_nearest(make_lone_metric(ray->origin, (float3)(0.0f)), kind);
         nearest.is_of_inside = true;
         nearest.distance = nearest.distance_squared = 0.0f;
         find_nearest(nodes, blocks, block_count, &nearest);

@@ -38,7 +38,10 @@ INLINED void visit_instance_near(
         return;
     }
     const float3 way = way_to_instance(instance, point);
-    nearest_t nearest = make_nearest(make_metric(instance, metrics + instance->instance_id, way), instance->kind);
+    const metric_t metric =
+        make_metric(instance, metrics + instance->instance_id, way, point->is_box, point->half_sides);
+    nearest_t nearest = make_nearest(metric, instance->kind);
+    nearest.is_of_box = point->is_box;
     nearest.instance_id = instance->instance_id;
     nearest.kept = best->kept;
     limit_distance(&nearest, best->distance);
@@ -67,13 +70,14 @@ INLINED void visit_instance_near(
 
 // Whether an instance in a child's box may be as near as the nearest so far; *distance_squared is that of the box.
 INLINED bool may_instance_be_nearer(
-    const global bvh2_node_t *top_nodes, const int child_slot, const float3 position, const float best_distance,
+    const global bvh2_node_t *top_nodes, const int child_slot, const point_pair_t *point, const float best_distance,
     float *distance_squared)
 {
     const global bvh2_node_t *node = top_nodes + (child_slot >> 1);
+    const float3 position = point->position;
     const float3 below = load3(node->aabb_min[child_slot & 1]) - position;
     const float3 above = load3(node->aabb_max[child_slot & 1]) - position;
-    const float3 outside = fmax(fmax(below, -above), 0.0f);
+    const float3 outside = fmax(fmax(below, -above) - point->half_sides, 0.0f);
     const float3 farthest = fmax(magnitude(below), magnitude(above));
     *distance_squared = dot_product(outside, outside);
     // The position is rounded, as are the distances of the instance's primitives.
@@ -94,7 +98,8 @@ INLINED world_nearest_t find_world_nearest(
     if (point->mask == 0) {
         return best;
     }
-    nearest_t nearest = make_nearest(make_lone_metric(point->position), ONLY_KIND);
+    nearest_t nearest = make_nearest(make_lone_metric(point->position, point->half_sides), ONLY_KIND);
+    nearest.is_of_box = point->is_box;
     nearest.kept = best.kept;
     limit_distance(&nearest, point->limit);
     grow_limit(&nearest);
@@ -114,7 +119,7 @@ INLINED world_nearest_t find_world_nearest(
         bool may_be[2];
         for (int child = 0; child < 2; child++) {
             may_be[child] = may_instance_be_nearer(
-                world->top_nodes, 2 * node + child, point->position, best.distance, squared + child);
+                world->top_nodes, 2 * node + child, point, best.distance, squared + child);
         }
         int next = -1;
         if (may_be[0] && may_be[1]) {
@@ -140,8 +145,7 @@ INLINED world_nearest_t find_world_nearest(
                     return best;
                 }
                 next = stack[--stack_count];
-            } while (!may_instance_be_nearer(
-                world->top_nodes, next, point->position, best.distance, &distance_squared));
+            } while (!may_instance_be_nearer(world->top_nodes, next, point, best.distance, &distance_squared));
         }
         node = world->top_nodes[next >> 1].first[next & 1];
     }

@@ -20,7 +20,9 @@
 
 INLINED point_pair_t unpack_point(const global packed_point_t *packed)
 {
-    const point_pair_t point = {load3(packed->position), load3(packed->position_low), packed->mask, packed->limit};
+    const point_pair_t point = {
+        load3(packed->position), load3(packed->position_low), packed->mask, packed->limit,
+        false, (float3)(0.0f)};
     return point;
 }
 

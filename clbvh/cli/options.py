@@ -17,7 +17,7 @@ from ..builders.options import BuildOptions
 from ..builders.tree_options import TreeOptions
 from ..rendering.options import RenderOptions
 from ..support.settings import list_settings, settings_of
-from ..view.view import View
+from ..views.view import View
 
 _Verb = TypeVar("_Verb", bound=Callable[..., None])
 _Options = TypeVar("_Options", bound=TreeOptions)

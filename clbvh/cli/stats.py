@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from ..bvh import Bvh
     from ..device.info import DeviceInfo
-    from ..view.view import View
+    from ..views.view import View
 
 _MIB = 1 << 20
 
@@ -143,8 +143,8 @@ def stats(
 def _measure_rays(bvh: Bvh, view: View, device: DeviceInfo | None) -> dict[str, dict[str, float]]:
     """Return the mean counts per ray, for each kind of rays."""
     from ..rendering.heat_map import mean_steps, measure_rays
-    from ..view.cameras.bounds import SceneBounds
-    from ..view.view_finder import ViewFinder
+    from ..views.cameras.bounds import SceneBounds
+    from ..views.view_finder import ViewFinder
 
     finder = ViewFinder(SceneBounds.of_mesh(bvh.mesh))
     steps = measure_rays(bvh, finder.camera(finder.complete(view)), view.width / view.height, device=device)

@@ -28,8 +28,8 @@ from ..trace.hits.hits import AllHits, Hits
 from ..trace.tracer import Tracer
 from ..trace.world.trees import BRUTE
 from ..tree_layouts import TREE_LAYOUTS
-from ..view.cameras.camera import Camera
-from ..view.view import View
+from ..views.cameras.camera import Camera
+from ..views.view import View
 from .cases import Case, make_cases
 from .expected import EXPECTED_PATH, Expected, ExpectedAnswers, digest_of, load_expected, store_expected
 
@@ -42,6 +42,9 @@ ALL_LAYOUTS = (*TREE_LAYOUTS, BRUTE)
 # Crossings of a ray of which all are compared; of the others only the number.
 _COMPARED_HITS = 12
 
+# Boxes at points, in shares of the mesh.
+_BOX_SHARE = 8
+
 # Pixels of a picture: more than one tile each way, and no multiple of it.
 _PICTURE_WIDTH, _PICTURE_HEIGHT = 22, 13
 
@@ -53,8 +56,12 @@ def answer_rays(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> Iterat
     """Yield each query about rays and points, and its answer."""
     rays = case.rays._asdict()
     with Tracer(bvh, device=device, layout=layout) as tracer:
+        hits = tracer.closest_hit(**rays)
+        boxed = tracer.prims_in_boxes(case.points, case.points + np.ptp(case.vertices, axis=0) / _BOX_SHARE)
         answers: dict[str, Answer] = {
-            "closest_hit": _describe_hits(tracer.closest_hit(**rays)),
+            "closest_hit": _describe_hits(hits),
+            "closest_hit of backs": _describe_hits(tracer.closest_hit(**rays, side="back", exclude=hits)),
+            "prims_in_boxes": {"count": boxed.counts, "prim_id": boxed.prim_id},
             "any_hit": {"is_hit": tracer.any_hit(**rays)},
             "count_hits": {"count": tracer.count_hits(**rays)},
             "all_hits": _describe_all_hits(tracer.all_hits(**rays)),

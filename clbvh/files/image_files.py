@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import ConfigError
 from ..support.files import check_target, write_atomically
-from ..view.environment_files import import_openexr
+from ..views.environment_files import import_openexr
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm")
 

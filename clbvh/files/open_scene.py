@@ -16,7 +16,7 @@ from ..scene.scene import Scene
 from ..scene.state import SAVED_SCENE
 from ..support.archive import begins_with_member
 from ..support.folders import find_folder
-from ..view.view import View
+from ..views.view import View
 
 SCENE_SUFFIX = ".toml"
 

@@ -40,10 +40,10 @@ from ..scene.serialize import material_of_table, material_table, write_scene
 from ..scene.transforms import Transform
 from ..support.files import read_errors_as, read_regular
 from ..support.settings import Vector, as_plain, change_settings, say_unknown
-from ..view.cameras.camera import Camera
-from ..view.cameras.lens import Lens
-from ..view.cameras.projection import DEFAULT_UP, text_of
-from ..view.view import View
+from ..views.cameras.camera import Camera
+from ..views.cameras.lens import Lens
+from ..views.cameras.projection import DEFAULT_UP, text_of
+from ..views.view import View
 
 _MAX_FILE_BYTES = 1 << 20  # a scene has a few hundred
 

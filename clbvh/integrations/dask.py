@@ -23,7 +23,7 @@ from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
 from ..rendering.scene_ref import SceneRef, open_renderer, open_tracer
 from ..trace.tracer import Tracer
-from ..view.view import View
+from ..views.view import View
 
 __all__ = ["ambient_occlusion", "any_hit", "closest_hit", "closest_point", "count_hits", "render_frames"]
 

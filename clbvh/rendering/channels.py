@@ -19,7 +19,7 @@ from ..trace.hits.hits import Hits
 from ..trace.hits.interpolate import group_by_geometry
 from ..trace.hits.surface import Surface
 from ..trace.world.surface_arrays import SurfacePoints
-from ..view.cameras.camera import Camera
+from ..views.cameras.camera import Camera
 from .look_tables import find_corner_normals
 from .picture import Picture
 

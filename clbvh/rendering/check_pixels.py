@@ -12,7 +12,7 @@ from ..errors import ValidationError
 from ..trace.check.intersections import Rays
 from ..trace.check.reference import Difference, Reference
 from ..trace.hits.hits import Hits
-from ..view.cut import Cut
+from ..views.cut import Cut
 from .picture import Picture
 
 # Most tests of a primitive against a ray in a validation: about a second.

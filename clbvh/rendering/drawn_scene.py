@@ -17,7 +17,7 @@ from ..structs import MAX_DEPTH
 from ..trace.hits.surface import Surface
 from ..trace.tracer import Opening
 from ..trace.world.world import World
-from ..view.cameras.bounds import SceneBounds
+from ..views.cameras.bounds import SceneBounds
 from .look_tables import Looks
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.appearance.srgb import LUMINANCE
-from ..view.view import View
+from ..views.view import View
 
 # Shares of a pixel's area in which its neighbours on either side, and the pixel itself, make the light between the
 # centres of pixels: the integral of the linear interpolation over the pixel.

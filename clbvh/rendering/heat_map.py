@@ -27,7 +27,7 @@ from ..scene.state import SceneState
 from ..trace.hits.closest import count_steps
 from ..trace.launch import Caster
 from ..trace.world.world import open_world
-from ..view.cameras.camera import Camera
+from ..views.cameras.camera import Camera
 from .drawn_scene import DrawnScene
 
 # Quantities that `clbvh render --heatmap` can show, and the title of their bar.

@@ -24,8 +24,8 @@ from ..files.image_files import encode_ppm, import_openexr, write_exr
 from ..geometry.appearance.srgb import linear_to_srgb
 from ..support.files import as_path, check_target, read_errors_as, read_regular, write_atomically
 from ..support.memory import check_memory
-from ..view.cameras.camera import Camera
-from ..view.view import View
+from ..views.cameras.camera import Camera
+from ..views.view import View
 from .channels import CHANNELS, NextPose, Subject, check_channels
 from .picture import Picture
 

@@ -26,7 +26,7 @@ from ..support.forks import make_lock
 from ..trace.launch import Caster
 from ..trace.world.trees import BRUTE
 from ..trace.world.world import open_world
-from ..view.view import View
+from ..views.view import View
 from .drawn_scene import DrawnScene
 from .look_tables import find_all_corner_normals, has_whole_colours
 from .painters import Painters

@@ -13,12 +13,12 @@ from ..geometry.appearance.srgb import linear_to_srgb
 from ..geometry.spheres import Bounded
 from ..structs import CUTS, PROJECTIONS, VIEW
 from ..support.settings import Vector
-from ..view.cameras.camera import Camera
-from ..view.cameras.lens import window_of
-from ..view.cameras.projection import Fisheye, Orthographic, Panorama, name_of
-from ..view.cameras.rays import find_ray_model
-from ..view.ground import GROUND_GAP, Ground, sky_direction
-from ..view.view import View
+from ..views.cameras.camera import Camera
+from ..views.cameras.lens import window_of
+from ..views.cameras.projection import Fisheye, Orthographic, Panorama, name_of
+from ..views.cameras.rays import find_ray_model
+from ..views.ground import GROUND_GAP, Ground, sky_direction
+from ..views.view import View
 
 # Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
 _MOST_DISTANCE = 1e30

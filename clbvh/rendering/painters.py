@@ -23,7 +23,7 @@ from ..support.forks import make_lock
 from ..support.host_threads import side_by_side
 from ..trace.world.starts import AT_THE_ROOT, VIEW_KERNEL, find_entry_points
 from ..trace.world.world import World
-from ..view.view import View
+from ..views.view import View
 from .drawn_scene import DrawnScene
 from .frame import BORDER, DEVELOP, FILM_BYTES, Band
 from .look_tables import LightTables, find_lights, has_cutouts, has_normal_maps, make_light_tables, make_look_tables

@@ -24,8 +24,8 @@ from ..trace.hits.hits import Hits
 from ..trace.hits.refine import RefinedHits, refine_closest
 from ..trace.hits.surface import Surface
 from ..trace.rays.batch import read_rays
-from ..view.cameras.camera import Camera
-from ..view.cut import Cut
+from ..views.cameras.camera import Camera
+from ..views.cut import Cut
 from .drawn_scene import DrawnScene
 
 

@@ -33,11 +33,11 @@ from ..support.stopwatch import Stopwatch, add_total
 from ..trace.hits.hits import Hits
 from ..trace.launch import Caster
 from ..trace.tracer import Opening, Plans, Tracer
-from ..view.cameras.camera import Camera
-from ..view.cameras.projection import Fisheye
-from ..view.ground import is_lit_as_studio
-from ..view.view import MAX_SAMPLES, View
-from ..view.view_finder import ViewFinder
+from ..views.cameras.camera import Camera
+from ..views.cameras.projection import Fisheye
+from ..views.ground import is_lit_as_studio
+from ..views.view import MAX_SAMPLES, View
+from ..views.view_finder import ViewFinder
 from .drawn_scene import DrawnScene
 from .frame import develop_film, render_frame
 from .joined_scene import JoinedScene, JoinedScenes

@@ -28,7 +28,7 @@ from ..support.folders import is_writable
 from ..support.opened import open_once
 from ..trace.tracer import Opening, Tracer
 from ..trace.world.trees import check_fit
-from ..view.view import View
+from ..views.view import View
 from .options import RenderOptions
 from .renderer import Renderer
 

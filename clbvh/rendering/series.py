@@ -17,8 +17,8 @@ from ..errors import ConfigError
 from ..files.animations import check_animation, write_animation
 from ..files.image_files import GAP, GROUND, INK, TEXT_ROWS, draw_text, encode_picture, width_of, write_picture
 from ..files.open_scene import SceneLike
-from ..view.cameras.projection import Orthographic
-from ..view.view import View
+from ..views.cameras.projection import Orthographic
+from ..views.view import View
 from .options import RenderOptions
 from .picture import Picture
 from .renderer import Renderer

@@ -26,8 +26,8 @@ from ..geometry import Mesh
 from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
 from ..support.host_threads import usable_cores
-from ..view.cameras.camera import Camera
-from ..view.cameras.framing import frame_mesh
+from ..views.cameras.camera import Camera
+from ..views.cameras.framing import frame_mesh
 from .machine import Machine
 from .samples import NotMeasuredError
 from .scale import Scale, load_named_mesh

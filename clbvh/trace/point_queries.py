@@ -28,9 +28,6 @@ from .points.refine import AllClosestPoints, ClosestPoints
 from .rays.batch import broadcast_shape, read_vectors
 from .rays.pieces import Progress
 
-# By how much more of its size, and of its coordinates, the sphere around a box is searched.
-_BOX_ROOM = 2.0**-40
-
 
 class PointQueries(HasCaster):
     """The queries of a `Tracer` whose arguments are points."""
@@ -244,8 +241,7 @@ class PointQueries(HasCaster):
         Notes
         -----
         Decided in float64, for triangles by the theorem of separating axes (Akenine-Moeller, "Fast 3D triangle-box
-        overlap testing", 2001). Time and memory are those of all primitives in the sphere around the box, so of a flat
-        box they are more than of a cube.
+        overlap testing", 2001).
 
         Examples
         --------
@@ -265,13 +261,12 @@ class PointQueries(HasCaster):
                 f"lower {corners[0].shape} and upper {corners[1].shape} must have shapes that broadcast"
             ) from None
         below, above = (np.broadcast_to(corner, (*shape, 3)).reshape(-1, 3) for corner in corners)
-        half = (above - below) / 2
-        if not (half >= 0).all():
-            raise QueryError(f"box {int(np.argmin((half >= 0).all(axis=1)))} has no upper corner above its lower one")
-        # Rounded up: the boxes themselves decide.
-        radius = np.linalg.norm(half, axis=1) * (1 + _BOX_ROOM) + np.abs(below).max(axis=1, initial=0) * _BOX_ROOM
-        caster, seen = self._caster, self._see(below + half, mask, geometry, instance, radius)
-        return find_in_boxes(caster, np.ascontiguousarray(below), np.ascontiguousarray(above), seen, progress)
+        if not (below <= above).all():
+            box = int(np.argmin((below <= above).all(axis=1)))
+            raise QueryError(f"box {box} has no upper corner above its lower one: {below[box]}, {above[box]}")
+        below, above = (np.ascontiguousarray(corner) for corner in (below, above))
+        caster, seen = self._caster, self._see((below + above) / 2, mask, geometry, instance)
+        return find_in_boxes(caster, below, above, seen, progress)
 
     def contains(
         self,

@@ -15,7 +15,7 @@ from ..rendering.picture import Picture
 from ..scene.state import SceneState
 from ..structs import NO_PRIM
 from ..trace.hits.hits import Hits
-from ..view.cameras.camera import Camera
+from ..views.cameras.camera import Camera
 
 
 @dataclass(frozen=True)

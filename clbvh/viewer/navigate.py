@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..support.settings import Vector
-from ..view.cameras.arrays import as_vector
-from ..view.cameras.camera import Camera
-from ..view.cameras.projection import Fisheye, Orthographic, Panorama
+from ..views.cameras.arrays import as_vector
+from ..views.cameras.camera import Camera
+from ..views.cameras.projection import Fisheye, Orthographic, Panorama
 
 # Degrees by which the line of sight stays away from up and down, where the picture would flip over.
 _POLE = 0.5

@@ -15,7 +15,7 @@ from ..files.open_scene import SceneLike, as_scene
 from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
 from ..support.say_once import say_once
-from ..view.view import View
+from ..views.view import View
 from .serve import import_server, serve
 from .session import FIRST_SHADING, Send, Session
 

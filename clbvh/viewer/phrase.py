@@ -10,10 +10,10 @@ from typing import Any
 from ..errors import ConfigError
 from ..files.scene_file import plain_view
 from ..support.settings import Setting, list_settings, settings_of
-from ..view.cameras.projection import Projection, text_of
-from ..view.cut import Cut
-from ..view.environment_map import EnvironmentMap
-from ..view.view import View
+from ..views.cameras.projection import Projection, text_of
+from ..views.cut import Cut
+from ..views.environment_map import EnvironmentMap
+from ..views.view import View
 
 
 def phrase_command(sources: Sequence[str], own: View, view: View) -> str:

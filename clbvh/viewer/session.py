@@ -26,9 +26,9 @@ from ..files.image_files import encode_picture
 from ..rendering.picture import Picture
 from ..rendering.renderer import Renderer
 from ..support.settings import Vector
-from ..view.cameras.arrays import as_vector
-from ..view.cameras.camera import Camera
-from ..view.view import View
+from ..views.cameras.arrays import as_vector
+from ..views.cameras.camera import Camera
+from ..views.view import View
 from . import navigate
 from .inspect import Picked, describe_hit, encode_mask, place_marks
 from .phrase import phrase_command, phrase_python

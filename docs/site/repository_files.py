@@ -15,7 +15,7 @@ from typing import Any
 from mkdocs.structure.files import File, Files
 
 from clbvh.support.settings import list_settings
-from clbvh.view.view import View
+from clbvh.views.view import View
 
 _REPOSITORY = Path(__file__).parents[2]
 _DOCS = "docs/"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import doctest
 import importlib
+import importlib.util
 import inspect
 import pkgutil
 import re
@@ -36,6 +37,11 @@ def test_public_names_have_an_example():
     names = list_public_names()
     without = {name for name, value in names.items() if ">>> " not in (inspect.getdoc(value) or "")}
     assert without <= WITHOUT_EXAMPLE
+
+
+def test_no_module_has_a_public_name():
+    """Its import would replace the name."""
+    assert [name for name in clbvh.__all__ if importlib.util.find_spec(f"clbvh.{name}")] == []
 
 
 def test_public_names_are_in_the_reference():

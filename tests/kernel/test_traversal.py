@@ -10,7 +10,7 @@ from clbvh import Tracer, build, make_shape
 from clbvh.structs import NO_PRIM
 from clbvh.trace.world.world import World
 from clbvh.tree_layouts import LAYOUTS, TREE_LAYOUTS, WIDE_LAYOUTS
-from clbvh.view.cameras.framing import frame_mesh
+from clbvh.views.cameras.framing import frame_mesh
 
 from ..chain import make_chain
 from ..rays import centred, hard_rays

@@ -9,7 +9,7 @@ from clbvh import Scene, Tracer, load_mesh, make_shape
 from clbvh.study.engines import Open3D
 from clbvh.trace.check.intersections import Rays
 from clbvh.trace.check.reference import Reference
-from clbvh.view.cameras.framing import frame_mesh
+from clbvh.views.cameras.framing import frame_mesh
 
 from ..rays import as_float32, centred, random_rays
 

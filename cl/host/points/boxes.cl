@@ -92,15 +92,15 @@ INLINED bool meets_sphere(
 // Writes whether primitives meet boxes.
 //
 // surfaces            `SurfaceArrays.addresses`
-// box_ids, prims, instances    the box of each, and the primitive
+// box_ids, prims      the box of each, and the primitive
 loop void meet_boxes(
     const ulong *surfaces, const double *lower, const double *upper, const long count, const long box_ids[count],
-    const int prims[count], const int instances[count], bool is_met[count])
+    const world_prim_t prims[count], bool is_met[count])
 {
     const surfaces_t own = surfaces_on_host(surfaces);
     for (long row = 0; row < count; row++) {
         const double3 below = load_wide_row(lower, box_ids[row]), above = load_wide_row(upper, box_ids[row]);
-        const int instance = instances[row], geometry = own.geometry_id[instance], prim = prims[row];
+        const int instance = prims[row].instance_id, prim = prims[row].prim_id, geometry = own.geometry_id[instance];
         if (IS_SPHERES(own.kind[geometry])) {
             is_met[row] = meets_sphere(&own, instance, sphere_at(&own, geometry, prim), below, above);
             continue;

@@ -37,7 +37,7 @@ _UNGROUPED = {"GROUPED": 0, "GROUP_SIZE": 1}
 
 _OF_WORLDS = (
     "ambient_occlusion", "any_hit", "closest_hit", "closest_point", "closest_points", "count_hits", "count_steps",
-    "depth", "first_hits", "inside",
+    "depth", "first_hits", "inside", "prims_in_boxes",
 )  # fmt: skip
 _OF_NO_WORLD = ("add_samples", "develop", "meet_boxes", "refine_hits", "settle_tiles")
 

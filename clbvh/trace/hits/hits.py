@@ -425,7 +425,8 @@ class Hits:
             first = np.unravel_index(np.argmax(is_wrong), shape)
             wrong = np.broadcast_to(directions, (*shape, 3))[first]
             place = f" of the hit {tuple(map(int, first))}" if shape else ""
-            raise QueryError(f"towards must be finite directions of length above 0, not {wrong}{place}")
+            advice = "" if wrong.any() else "; the normal of a face without area is 0, see Mesh.degenerate_faces"
+            raise QueryError(f"towards must be finite directions of length above 0, not {wrong}{place}{advice}")
 
     def _known_surface(self) -> Surface:
         if self.surface is None:

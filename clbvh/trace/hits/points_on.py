@@ -34,7 +34,7 @@ def place_points(
         raise QueryError(expected)
     instances = np.zeros(1, np.int64) if instance_ids is None else instance_ids
     instances = instances[0] if len(instances) == 1 else instances
-    counts = np.array([shape.prim_count for shape in surface.shapes])[owners[instances]]
+    counts = np.array([shape.prim_count for shape in surface.shapes] or [0])[owners[instances]]
     try:
         ids, u, v, instances, counts = np.broadcast_arrays(ids, u, v, instances, counts)
     except ValueError:

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ...device.host.loops import Loops
-from ...structs import NO_PRIM
+from ...structs import NO_PRIM, WORLD_PRIM
 from ..hits.surface import Surface
 from ..launch import Caster
 from ..rays.batch import check_room
 from ..rays.pieces import Progress
+from ..world.world import World
 from . import search
 from .batch import SeenPoints
-from .refine import AllClosestPoints, ClosestPoints, FoundPoints
+from .refine import AllClosestPoints, ClosestPoints, FoundPoints, refine_points
 from .search import CLOSEST_POINT, DEPTH, Points, look_up
 
 # Distance, point, u, v and ids of a point.
@@ -23,6 +28,9 @@ POINT_BYTES = 56
 # Where they are too few, the slots grow by a factor.
 _SPARE_SLOTS = 8
 _SLOT_GROWTH = 4
+
+# By how much of its size, and of the world's, a box is grown: more than float32 rounds.
+_BOX_ROOM = 2.0**-18
 
 _BOXES = Loops("points/boxes")
 
@@ -118,27 +126,15 @@ def find_nearest(caster: Caster, seen: SeenPoints, count: int, progress: Progres
 
 
 def find_within(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> AllClosestPoints:
-    """Return all primitives within the limits of the points; see `Tracer.prims_within`.
+    """Return all primitives within the limits of the points; see `Tracer.prims_within`."""
 
-    The nearest few are looked for, and four times as many of the points that may have more, until none has.
-    """
-    left, slots, parts = np.arange(seen.count), _SPARE_SLOTS, [(np.empty(0, np.int64), FoundPoints.make(0))]
-    while len(left) or slots == _SPARE_SLOTS:
-        step, crowded = max(1, search.MOST_SLOTS // slots), [left[:0]]
-        for begin in range(0, max(1, len(left)), step):
-            ids = left[begin : begin + step]
-            found = find_nearest(caster, seen.take(ids), slots)
-            is_there = found.prim_id.reshape(-1, slots) != NO_PRIM
-            is_full = is_there[:, -1]
-            rows = np.flatnonzero(is_there & ~is_full[:, None])
-            parts.append((ids[rows // slots], found.take(rows)))
-            crowded.append(ids[is_full])
-            if progress is not None and slots == _SPARE_SLOTS:
-                progress(begin + len(ids), seen.count)
-        left, slots = np.concatenate(crowded), slots * _SLOT_GROWTH
-    point_ids = np.concatenate([ids for ids, _ in parts])
+    def find(ids: NDArray[np.int64], slots: int) -> tuple[NDArray[np.int32], FoundPoints]:
+        found = find_nearest(caster, seen.take(ids), slots)
+        return found.prim_id, found
+
+    point_ids, parts = _find_all(seen.count, find, progress)
     order = np.argsort(point_ids, kind="stable")
-    found = FoundPoints(*map(np.concatenate, zip(*(found for _, found in parts), strict=True))).take(order)
+    found = FoundPoints(*map(np.concatenate, zip(*parts, strict=True))).take(order)
     closest = found.as_closest((len(order),), Surface.of_world(caster.world))
     return AllClosestPoints.of(closest, np.bincount(point_ids, minlength=seen.count))
 
@@ -147,22 +143,91 @@ def find_in_boxes(
     caster: Caster, lower: NDArray[np.float64], upper: NDArray[np.float64], seen: SeenPoints,
     progress: Progress | None = None,
 ) -> AllClosestPoints:  # fmt: skip
-    """Return the primitives that meet boxes; see `Tracer.prims_in_boxes`.
+    """Return the primitives that meet boxes, of which `seen` has the middles; see `Tracer.prims_in_boxes`.
 
-    Those that meet the sphere around a box, of which `seen` has centre and radius, are tested one by one.
+    The device finds those whose own boxes do, in float32; then each is tested in float64.
     """
-    near, world = find_within(caster, seen, progress), caster.world
-    hits, box_ids = near.as_hits(), near.point_id
-    is_met = np.empty(len(box_ids), np.bool_)
+    world = caster.world
+    # What is outside of the world's box does not matter, and float32 could not hold it.
+    reach = world.box.half * (1 + _BOX_ROOM) / world.box.scale
+    least, most = np.maximum(lower, world.box.centre - reach), np.minimum(upper, world.box.centre + reach)
+    half_sides = ((most - least) / 2 * world.box.scale * (1 + _BOX_ROOM) + _BOX_ROOM).astype(np.float32)
+    inside = SeenPoints((least + most) / 2, seen.masks, seen.instance_ids, np.zeros(()))
+    met = np.flatnonzero((least <= most).all(axis=1))
 
-    def test(begin: int, end: int) -> None:
-        _BOXES.meet_boxes(
-            world.arrays.addresses, lower, upper, box_ids[begin:end], near.prim_id[begin:end],
-            hits.instance_id[begin:end], is_met[begin:end],
-        )  # fmt: skip
+    def find(ids: NDArray[np.int64], slots: int) -> tuple[NDArray[np.int32], NDArray[np.void]]:
+        hits, own = np.empty((len(ids), slots), world.hit_dtype), half_sides[met[ids]]
+        part = inside.take(met[ids])
+        look_up(caster, part, lambda points: points.find_in_boxes(own, slots, hits))
+        return hits["prim_id"].reshape(-1), hits.reshape(-1)
 
-    caster.threads.for_ranges(len(box_ids), test)
-    return near.select(is_met)
+    found_ids, parts = _find_all(len(met), find, progress)
+    box_ids, hits = met[found_ids], np.concatenate(parts)
+    prims = np.zeros(len(hits), WORLD_PRIM)
+    prims["prim_id"], prims["instance_id"] = hits["prim_id"], 0 if world.is_lone else hits["instance_id"]
+    is_met = np.empty(len(prims), np.bool_)
+    caster.threads.for_ranges(len(prims), partial(_meet, world, lower, upper, box_ids, prims, is_met))
+    box_ids, prims = box_ids[is_met], prims[is_met]
+
+    found, slots = FoundPoints.make(len(prims)), np.arange(len(prims), dtype=np.int32)
+
+    def refine(begin: int, end: int) -> None:
+        of_world, rows = (world.arrays, world.metrics.metrics, world.box), slice(begin, end)
+        order = box_ids[rows].astype(np.int32)
+        refine_points((lower + upper) / 2, *of_world, order, prims[rows], found, slots[rows])
+
+    caster.threads.for_ranges(len(prims), refine)
+    order = np.lexsort((found.prim_id, found.instance_id, found.distance, box_ids))
+    closest = found.take(order).as_closest((len(order),), Surface.of_world(world))
+    return AllClosestPoints.of(closest, np.bincount(box_ids, minlength=len(lower)))
+
+
+def _meet(
+    world: World, lower: NDArray[np.float64], upper: NDArray[np.float64], box_ids: NDArray[np.int64],
+    prims: NDArray[np.void], is_met: NDArray[np.bool_], begin: int, end: int,
+) -> None:  # fmt: skip
+    rows = slice(begin, end)
+    _BOXES.meet_boxes(world.arrays.addresses, lower, upper, box_ids[rows], prims[rows], is_met[rows])
+
+
+class _Results(Protocol):
+    """Results of which some can be taken, by their numbers."""
+
+    def take(self, rows: NDArray[np.int64], /) -> Any: ...
+
+
+def _find_all(
+    count: int, find: Callable[[NDArray[np.int64], int], tuple[NDArray[np.int32], _Results]], progress: Progress | None
+) -> tuple[NDArray[np.int64], list[Any]]:
+    """Return all primitives that are found for points or boxes: whose each of them is, and parts of the results.
+
+    A few are looked for, and four times as many where all slots are taken, until none has more.
+
+    Parameters
+    ----------
+    count : int
+    find : function
+        Called with the numbers of some of the points, and a number of slots; returns what is in the slots of each, a
+        prim_id, and the results.
+    progress : function, optional
+    """
+    left, slots, owners = np.arange(count), _SPARE_SLOTS, []
+    parts: list[Any] = []
+    while len(left) or not parts:
+        step, crowded = max(1, search.MOST_SLOTS // slots), [left[:0]]
+        for begin in range(0, max(1, len(left)), step):
+            ids = left[begin : begin + step]
+            prims, results = find(ids, slots)
+            is_there = prims.reshape(-1, slots) != NO_PRIM
+            is_full = is_there[:, -1]
+            rows = np.flatnonzero(is_there & ~is_full[:, None])
+            owners.append(ids[rows // slots])
+            parts.append(results.take(rows))
+            crowded.append(ids[is_full])
+            if progress is not None and slots == _SPARE_SLOTS:
+                progress(begin + len(ids), count)
+        left, slots = np.concatenate(crowded), slots * _SLOT_GROWTH
+    return np.concatenate(owners), parts
 
 
 def _choose(points: Points, count: int, slots: int, found: FoundPoints) -> None:

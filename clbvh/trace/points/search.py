@@ -33,6 +33,7 @@ CLOSEST_POINT = Query("closest_point", "prims", WORLD_PRIM)
 DEPTH = Query("depth", "prims", WORLD_PRIM)
 _INSIDE = Query("inside", "is_inside", np.dtype(np.uint8))
 _CLOSEST_POINTS = Query("closest_points", "hits")
+_PRIMS_IN_BOXES = Query("prims_in_boxes", "hits")
 
 # The box is grown by this share before a point is said to be outside: float32 has rounded it. As in
 # cl/on_host/world/points.cl.
@@ -95,6 +96,15 @@ class HostPoints(NamedTuple):
         hits = np.empty(self.piece.end - self.piece.begin, query.dtype)
         self._run(query, [hits])
         return hits
+
+    def find_in_boxes(self, half_sides: NDArray[np.float32], slots: int, hits: NDArray[np.void]) -> None:
+        """Write the primitives that may meet boxes around all points of the query, (n, slots)."""
+        begin = self.piece.begin
+        for piece in self.piece.split(self.find_room(slots)):
+            found = np.empty((piece.item_count, slots), hits.dtype)
+            arrays = [self._hold()[1].records, half_sides[begin:], found]
+            self._replace(piece=piece)._run(_PRIMS_IN_BOXES, arrays, slots)
+            hits[begin + piece.item_ids()] = found
 
     def find_room(self, slots: int) -> int:
         """Return for how many points there is room, if each has some slots."""
@@ -196,6 +206,17 @@ class DevicePoints(NamedTuple):
 
             self.call.threads.for_ranges(len(order), choose)
         return np.concatenate(crowded)
+
+    def find_in_boxes(self, half_sides: NDArray[np.float32], slots: int, hits: NDArray[np.void]) -> None:
+        """See `HostPoints`."""
+        begin = self.piece.begin
+        for piece in self.piece.split(self.find_room(slots)):
+            order = piece.item_ids()
+            with self.call.cast(
+                _PRIMS_IN_BOXES, self._put(order), results_per_item=slots, metrics=self._put_metrics(),
+                half_sides=self.call.put("half_sides", half_sides[begin + order]), slots=np.int32(slots),
+            ) as found:  # fmt: skip
+                hits[begin + order] = found.reshape(-1, slots)
 
     def find_room(self, slots: int) -> int:
         """See `HostPoints`."""

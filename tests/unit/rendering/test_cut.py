@@ -8,7 +8,7 @@ import pytest
 import clbvh
 from clbvh import Cut, ValidationError
 from clbvh.rendering.check_pixels import check_pixels
-from clbvh.view.cut import as_cut
+from clbvh.views.cut import as_cut
 
 INF = np.inf
 SIZE = {"width": 72, "height": 54}

@@ -9,10 +9,10 @@ import trimesh
 import clbvh
 from clbvh import Fisheye, Mesh, Orthographic, Panorama, SceneError, View
 from clbvh.choices import STANDARD_VIEWS
-from clbvh.view.cameras.bounds import SceneBounds
-from clbvh.view.cameras.framing import frame_mesh, frame_scene
-from clbvh.view.ground import sky_direction
-from clbvh.view.view_finder import Y_UP, Z_UP, ViewFinder, find_outliers, frame_without_outliers, guess_up
+from clbvh.views.cameras.bounds import SceneBounds
+from clbvh.views.cameras.framing import frame_mesh, frame_scene
+from clbvh.views.ground import sky_direction
+from clbvh.views.view_finder import Y_UP, Z_UP, ViewFinder, find_outliers, frame_without_outliers, guess_up
 
 HEIGHT = 90
 MARGIN = 0.06

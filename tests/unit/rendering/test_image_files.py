@@ -13,7 +13,7 @@ from clbvh import Camera, ConfigError, Images, SceneError
 from clbvh.files import image_files as files
 from clbvh.rendering.channels import CHANNELS
 from clbvh.rendering.images import check_images_path, encode_channel, read_camera
-from clbvh.view.environment_files import read_environment_map, read_exr, read_radiance
+from clbvh.views.environment_files import read_environment_map, read_exr, read_radiance
 
 RGB = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
 

@@ -26,8 +26,8 @@ from clbvh.files.open_scene import as_scene
 from clbvh.files.scene_file import parse_scene_file, plain_view, read_scene_file, view_of_plain
 from clbvh.scene.copies import Grid, Scatter
 from clbvh.support.folders import find_folder
-from clbvh.view.cameras.bounds import SceneBounds
-from clbvh.view.view_finder import guess_up
+from clbvh.views.cameras.bounds import SceneBounds
+from clbvh.views.view_finder import guess_up
 
 from ..geometry.gltf_files import Gltf
 

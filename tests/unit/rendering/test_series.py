@@ -13,7 +13,7 @@ from clbvh.files.image_files import GROUND, INK
 from clbvh.rendering import series
 from clbvh.rendering.heat_map import count_picture, draw_heat_map, draw_heat_map_of, open_counter
 from clbvh.trace.hits.closest import count_steps
-from clbvh.view.cameras.framing import frame_mesh
+from clbvh.views.cameras.framing import frame_mesh
 
 BOX = (np.array([[0, 0, 0], [4, 0, 0], [0, 2, 0], [0, 0, 1.0]]), [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 WIDTH, HEIGHT = 80, 60

@@ -12,7 +12,7 @@ from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.rays.coherence import sort_rays
 from clbvh.trace.world.tree_box import TreeBox
-from clbvh.view.cameras.framing import frame_mesh
+from clbvh.views.cameras.framing import frame_mesh
 
 from ...rays import aim, order_by_keys, random_rays
 

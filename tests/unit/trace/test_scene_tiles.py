@@ -14,7 +14,7 @@ from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.rays.coherence import find_row_length
 from clbvh.trace.world.world import World
 from clbvh.tree_layouts import WIDE_LAYOUTS
-from clbvh.view.cameras.framing import frame_mesh
+from clbvh.views.cameras.framing import frame_mesh
 
 from ...profiles import seeds
 from ...property.random_scenes import KINDS, LINEAR, RAY_MASKS, make_scene, scale_scene

@@ -119,7 +119,7 @@ class Cut:
 
         Examples
         --------
-        >>> from clbvh.view.cut import as_cut
+        >>> from clbvh.views.cut import as_cut
         >>> as_cut("z=25%").resolved((0, 0, 0), (1, 2, 8))
         Cut(kind='plane', first=(0.0, 0.0, 2.0), second=(0.0, 0.0, 1.0))
         """

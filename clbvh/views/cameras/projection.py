@@ -108,7 +108,7 @@ def read_projection(value: object) -> Projection | None:
 
     Examples
     --------
-    >>> from clbvh.view.cameras.projection import read_projection
+    >>> from clbvh.views.cameras.projection import read_projection
     >>> read_projection("fisheye:220")
     Fisheye(angle=220.0)
     """
@@ -145,7 +145,7 @@ def text_of(projection: Projection | None) -> str:
     Examples
     --------
     >>> import clbvh
-    >>> from clbvh.view.cameras.projection import text_of
+    >>> from clbvh.views.cameras.projection import text_of
     >>> text_of(None), text_of(clbvh.Orthographic()), text_of(clbvh.Orthographic(0.1))
     ('perspective', 'orthographic', 'orthographic:0.1')
     """
@@ -186,7 +186,7 @@ def read_up(value: Any) -> Any:
 
     Examples
     --------
-    >>> from clbvh.view.cameras.projection import read_up
+    >>> from clbvh.views.cameras.projection import read_up
     >>> read_up("z"), read_up("-Z"), read_up("0,0,1")
     ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (0.0, 0.0, 1.0))
     """

@@ -203,8 +203,8 @@ def guess_up(bounds: SceneBounds, eye: Vector | None = None, look_at: Vector | N
     Examples
     --------
     >>> import clbvh
-    >>> from clbvh.view.cameras.bounds import SceneBounds
-    >>> from clbvh.view.view_finder import guess_up
+    >>> from clbvh.views.cameras.bounds import SceneBounds
+    >>> from clbvh.views.view_finder import guess_up
     >>> guess_up(SceneBounds.of_mesh(clbvh.make_shape("terrain", triangles=2000))).note
     'y is up: the mesh is flat along y, like a landscape; --up 0,0,1 turns it'
     """
@@ -230,8 +230,8 @@ def frame_without_outliers(bounds: SceneBounds) -> Framed:
     --------
     >>> import clbvh
     >>> import numpy as np
-    >>> from clbvh.view.cameras.bounds import SceneBounds
-    >>> from clbvh.view.view_finder import frame_without_outliers
+    >>> from clbvh.views.cameras.bounds import SceneBounds
+    >>> from clbvh.views.view_finder import frame_without_outliers
     >>> ball = clbvh.make_shape("icosphere", triangles=320)
     >>> corners = np.concatenate((ball.vertices, [[90, 0, 0], [90, 0.1, 0], [90, 0, 0.1]]))
     >>> faces = np.concatenate((ball.faces, [[162, 163, 164]]))
