@@ -201,7 +201,7 @@ class PointQueries(HasCaster):
         >>> terrain = clbvh.make_shape("terrain", triangles=2000)
         >>> near = clbvh.Tracer(terrain).prims_within(terrain.vertices[[0, 500]], 1e-9)
         >>> near.counts  # faces around a corner of the terrain, and around a vertex
-        array([1, 6])
+        array([2, 6])
         """
         caster, seen = self._caster, self._see(points, mask, geometry, instance, distance)
         return find_within(caster, seen, progress)

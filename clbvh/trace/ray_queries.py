@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from numbers import Integral
-from typing import Any, Literal, TypeAlias, cast, overload
+from typing import Any, Literal, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,40 +27,34 @@ from .put_rays import put_vectors
 from .rays.batch import RayBatch, find_origins, read_device_rays, read_rays, read_unmasked_rays, read_vectors
 from .rays.pieces import Progress
 
-Origins: TypeAlias = ArrayLike | Hits | ClosestPoints
-"""Where rays begin: at points, or next to a surface; see `Tracer.closest_hit`."""
-
-Excluded: TypeAlias = ArrayLike | Hits | ClosestPoints | None
-"""Primitives that rays do not see; see `Tracer.closest_hit`."""
-
 
 class RayQueries(HasCaster):
     """The queries of a `Tracer` whose arguments are rays."""
 
     @overload
     def closest_hit(
-        self, origins: Origins, directions: ArrayLike, *, t_min: ArrayLike = ..., t_max: ArrayLike = ...,
-        mask: ArrayLike | None = ..., side: str | None = ..., exclude: Excluded = ...,
-        progress: Progress | None = ..., out: Literal["host"] = ...,
+        self, origins: ArrayLike | Hits | ClosestPoints, directions: ArrayLike, *, t_min: ArrayLike = ...,
+        t_max: ArrayLike = ..., mask: ArrayLike | None = ..., side: str | None = ...,
+        exclude: ArrayLike | Hits | ClosestPoints | None = ..., progress: Progress | None = ..., out: Literal["host"] = ...,
     ) -> Hits: ...  # fmt: skip
 
     @overload
     def closest_hit(
-        self, origins: Origins, directions: ArrayLike, *, t_min: ArrayLike = ..., t_max: ArrayLike = ...,
-        mask: ArrayLike | None = ..., side: str | None = ..., exclude: Excluded = ...,
-        progress: Progress | None = ..., out: Literal["device"],
+        self, origins: ArrayLike | Hits | ClosestPoints, directions: ArrayLike, *, t_min: ArrayLike = ...,
+        t_max: ArrayLike = ..., mask: ArrayLike | None = ..., side: str | None = ...,
+        exclude: ArrayLike | Hits | ClosestPoints | None = ..., progress: Progress | None = ..., out: Literal["device"],
     ) -> DeviceHits: ...  # fmt: skip
 
     def closest_hit(
         self,
-        origins: Origins,
+        origins: ArrayLike | Hits | ClosestPoints,
         directions: ArrayLike,
         *,
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
         mask: ArrayLike | None = None,
         side: str | None = None,
-        exclude: Excluded = None,
+        exclude: ArrayLike | Hits | ClosestPoints | None = None,
         progress: Progress | None = None,
         out: str = "host",
     ) -> Hits | DeviceHits:
@@ -134,14 +128,14 @@ class RayQueries(HasCaster):
 
     def closest_prim(
         self,
-        origins: Origins,
+        origins: ArrayLike | Hits | ClosestPoints,
         directions: ArrayLike,
         *,
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
         mask: ArrayLike | None = None,
         side: str | None = None,
-        exclude: Excluded = None,
+        exclude: ArrayLike | Hits | ClosestPoints | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.int32]:
         """Return (...,) int32: the face that `closest_hit` finds, -1 on a miss; with less work on the host.
@@ -160,14 +154,14 @@ class RayQueries(HasCaster):
 
     def any_hit(
         self,
-        origins: Origins,
+        origins: ArrayLike | Hits | ClosestPoints,
         directions: ArrayLike,
         *,
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
         mask: ArrayLike | None = None,
         side: str | None = None,
-        exclude: Excluded = None,
+        exclude: ArrayLike | Hits | ClosestPoints | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.bool_]:
         """Return (...,) bool: whether each ray hits anything, which takes less time than the closest hit.
@@ -191,7 +185,7 @@ class RayQueries(HasCaster):
 
     def count_hits(
         self,
-        origins: Origins,
+        origins: ArrayLike | Hits | ClosestPoints,
         directions: ArrayLike,
         *,
         t_min: ArrayLike = 0.0,
@@ -199,7 +193,7 @@ class RayQueries(HasCaster):
         max_hits: int | None = None,
         mask: ArrayLike | None = None,
         side: str | None = None,
-        exclude: Excluded = None,
+        exclude: ArrayLike | Hits | ClosestPoints | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.int32]:
         """Return (...,) int32: the number of hits of each ray; a shared edge or vertex is one hit.
@@ -220,7 +214,7 @@ class RayQueries(HasCaster):
 
     def all_hits(
         self,
-        origins: Origins,
+        origins: ArrayLike | Hits | ClosestPoints,
         directions: ArrayLike,
         *,
         t_min: ArrayLike = 0.0,
@@ -229,7 +223,7 @@ class RayQueries(HasCaster):
         with_locations: bool = False,
         mask: ArrayLike | None = None,
         side: str | None = None,
-        exclude: Excluded = None,
+        exclude: ArrayLike | Hits | ClosestPoints | None = None,
         progress: Progress | None = None,
     ) -> AllHits:
         """Return all hits, grouped by ray and sorted by t; a shared edge or vertex is one hit.
@@ -303,8 +297,9 @@ class RayQueries(HasCaster):
         return place_points(Surface.of_world(world), prim_id, barycentrics, instances)
 
     def _read_rays(
-        self, origins: Origins, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None,
-        side: str | None, exclude: Excluded, *, are_refined: bool = False, to_device: bool = False,
+        self, origins: ArrayLike | Hits | ClosestPoints, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike,
+        mask: ArrayLike | None, side: str | None, exclude: ArrayLike | Hits | ClosestPoints | None, *,
+        are_refined: bool = False, to_device: bool = False,
     ) -> tuple[Caster, RayBatch]:  # fmt: skip
         """Return rays, in the host's memory or on the caster's device, with the caster that casts them."""
         # Read once, because an update may replace it by one that masks differently.

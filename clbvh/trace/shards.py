@@ -39,7 +39,7 @@ from .points.batch import SeenPoints, take_points
 from .points.queries import POINT_BYTES
 from .points.refine import ClosestPoints, FoundPoints, refine_points
 from .points.search import Points, look_up
-from .ray_queries import Excluded, Origins, check_max_hits
+from .ray_queries import check_max_hits
 from .rays.batch import Broadcast, RayBatch, check_room, find_origins, read_unmasked_rays
 from .rays.pack import pack_rays
 from .rays.pieces import CHUNK_RAYS, Progress
@@ -181,9 +181,9 @@ class ShardedTracer(ContextManager):
             self._session.close()
 
     def closest_hit(
-        self, origins: Origins, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
-        mask: ArrayLike | None = None, side: str | None = None, exclude: Excluded = None,
-        progress: Progress | None = None,
+        self, origins: ArrayLike | Hits | ClosestPoints, directions: ArrayLike, *, t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf, mask: ArrayLike | None = None, side: str | None = None,
+        exclude: ArrayLike | Hits | ClosestPoints | None = None, progress: Progress | None = None,
     ) -> Hits:  # fmt: skip
         """Return the nearest hit of each ray; see `Tracer.closest_hit`.
 
@@ -216,9 +216,9 @@ class ShardedTracer(ContextManager):
         return hits.reshape(*batch.shape).as_hits(ShardedSurface(self.shards))
 
     def closest_prim(
-        self, origins: Origins, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
-        mask: ArrayLike | None = None, side: str | None = None, exclude: Excluded = None,
-        progress: Progress | None = None,
+        self, origins: ArrayLike | Hits | ClosestPoints, directions: ArrayLike, *, t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf, mask: ArrayLike | None = None, side: str | None = None,
+        exclude: ArrayLike | Hits | ClosestPoints | None = None, progress: Progress | None = None,
     ) -> NDArray[np.int32]:  # fmt: skip
         """Return (...,) int32: the face that `closest_hit` finds, -1 on a miss.
 
@@ -236,9 +236,9 @@ class ShardedTracer(ContextManager):
         return hits.prim_id
 
     def any_hit(
-        self, origins: Origins, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
-        mask: ArrayLike | None = None, side: str | None = None, exclude: Excluded = None,
-        progress: Progress | None = None,
+        self, origins: ArrayLike | Hits | ClosestPoints, directions: ArrayLike, *, t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf, mask: ArrayLike | None = None, side: str | None = None,
+        exclude: ArrayLike | Hits | ClosestPoints | None = None, progress: Progress | None = None,
     ) -> NDArray[np.bool_]:  # fmt: skip
         """Return (...,) bool: whether each ray hits anything. Errors are those of `closest_hit`.
 
@@ -265,7 +265,7 @@ class ShardedTracer(ContextManager):
 
     def count_hits(
         self,
-        origins: Origins,
+        origins: ArrayLike | Hits | ClosestPoints,
         directions: ArrayLike,
         *,
         t_min: ArrayLike = 0.0,
@@ -273,7 +273,7 @@ class ShardedTracer(ContextManager):
         max_hits: int | None = None,
         mask: ArrayLike | None = None,
         side: str | None = None,
-        exclude: Excluded = None,
+        exclude: ArrayLike | Hits | ClosestPoints | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.int32]:
         """Return (...,) int32: the number of hits of each ray, `max_hits` at most; see `Tracer.count_hits`.
@@ -303,7 +303,7 @@ class ShardedTracer(ContextManager):
 
     def all_hits(
         self,
-        origins: Origins,
+        origins: ArrayLike | Hits | ClosestPoints,
         directions: ArrayLike,
         *,
         t_min: ArrayLike = 0.0,
@@ -311,7 +311,7 @@ class ShardedTracer(ContextManager):
         max_hits: int | None = None,
         mask: ArrayLike | None = None,
         side: str | None = None,
-        exclude: Excluded = None,
+        exclude: ArrayLike | Hits | ClosestPoints | None = None,
         progress: Progress | None = None,
     ) -> AllHits:
         """Return all hits, grouped by ray and sorted by t, at most `max_hits` of each; see `Tracer.all_hits`.
@@ -515,8 +515,8 @@ _NO_IDS = np.empty(0, np.int32)
 
 
 def _read_rays(
-    origins: Origins, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None,
-    side: str | None, exclude: Excluded,
+    origins: ArrayLike | Hits | ClosestPoints, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike,
+    mask: ArrayLike | None, side: str | None, exclude: ArrayLike | Hits | ClosestPoints | None,
 ) -> RayBatch:  # fmt: skip
     batch = read_unmasked_rays(find_origins(origins, directions), directions, t_min, t_max, mask)
     return batch.limit_sight(side, exclude, is_lone=True)

@@ -39,8 +39,7 @@ def find_closest(caster: Caster, seen: SeenPoints, progress: Progress | None = N
     """Return the closest points of what is visible; see `Tracer.closest_point`."""
     if caster.world.is_exact:
         # Float64 decides.
-        distance, point, prim_id = nearest = find_nearest_points(caster, seen, 1, progress)
-        return ClosestPoints(distance[..., 0], point[..., 0, :], prim_id[..., 0], nearest.as_hits()[..., 0])
+        return find_nearest(caster, seen, 1, progress).as_closest(seen.shape, Surface.of_world(caster.world))
     check_room(seen.count, POINT_BYTES, "points")
     found = FoundPoints.make(seen.count)
     look_up(caster, seen, lambda points: points.find(CLOSEST_POINT, _part_of(found, points)), progress)
@@ -94,7 +93,7 @@ def _find_exact_signed(caster: Caster, seen: SeenPoints, progress: Progress | No
     for instance_id in np.unique(deepest[deepest != NO_PRIM]):
         here = np.flatnonzero(deepest == instance_id)
         inside = SeenPoints(seen.take(here).points, instance_ids=np.array([instance_id]))
-        signed[here] = find_nearest_points(caster, inside, 1).distance[:, 0]
+        signed[here] = find_nearest(caster, inside, 1).distance
     return signed.reshape(seen.shape)
 
 
@@ -121,7 +120,8 @@ def find_nearest(caster: Caster, seen: SeenPoints, count: int, progress: Progres
         _choose(points, count, slots, found.part(begin * count, end * count))
 
     look_up(caster, seen, find, progress, most_points=max(1, search.MOST_SLOTS // slots))
-    found.drop_beyond(seen.limits[..., None], (*seen.shape, count))
+    limits = seen.limits[..., None] if seen.limits.ndim else seen.limits
+    found.drop_beyond(limits, (*seen.shape, count))
     return found
 
 
@@ -136,7 +136,7 @@ def find_within(caster: Caster, seen: SeenPoints, progress: Progress | None = No
     order = np.argsort(point_ids, kind="stable")
     found = FoundPoints(*map(np.concatenate, zip(*parts, strict=True))).take(order)
     closest = found.as_closest((len(order),), Surface.of_world(caster.world))
-    return AllClosestPoints.of(closest, np.bincount(point_ids, minlength=seen.count))
+    return AllClosestPoints._of(closest, np.bincount(point_ids, minlength=seen.count))
 
 
 def find_in_boxes(
@@ -179,7 +179,7 @@ def find_in_boxes(
     caster.threads.for_ranges(len(prims), refine)
     order = np.lexsort((found.prim_id, found.instance_id, found.distance, box_ids))
     closest = found.take(order).as_closest((len(order),), Surface.of_world(world))
-    return AllClosestPoints.of(closest, np.bincount(box_ids, minlength=len(lower)))
+    return AllClosestPoints._of(closest, np.bincount(box_ids, minlength=len(lower)))
 
 
 def _meet(

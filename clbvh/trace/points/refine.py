@@ -52,51 +52,61 @@ class ClosestPoints(_Points):
     (array([0.25, 0.  ]), array([0., 0., 1.]), array([17.5, 10. ]))
     """
 
-    _hits: Hits
+    # u, v, instance_id and surface, where they are known.
+    _place: tuple[Any, Any, Any, Surface | None]
 
     def __new__(
         cls, distance: NDArray[np.float64], point: NDArray[np.float64], prim_id: NDArray[np.int32],
-        hits: Hits | None = None,
+        place: tuple[Any, Any, Any, Surface | None] | None = None,
     ) -> ClosestPoints:  # fmt: skip
-        """Return the closest points, and the same as hits whose t is the distance."""
+        """Return the closest points, with u, v, instance_id and the surface of each, if they are known."""
         closest = super().__new__(cls, distance, point, prim_id)
-        nothing = np.zeros(np.shape(prim_id))
-        closest._hits = Hits(distance, nothing, nothing, prim_id) if hits is None else hits
+        nothing = np.zeros(np.shape(prim_id)) if place is None else None
+        closest._place = (nothing, nothing, None, None) if place is None else place
         return closest
 
     def as_hits(self) -> Hits:
-        """Return the points as if rays of length 1 from the points asked for had hit them."""
-        return self._hits
+        """Return the points as if rays of length 1 from the points asked for had hit them: t is the distance.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.Tracer(clbvh.make_shape("icosphere", triangles=320)) as tracer:
+        ...     tracer.closest_point([0, 0, 3]).as_hits().locations.round(2)
+        array([0., 0., 1.])
+        """
+        u, v, instance_id, surface = self._place
+        return Hits(self.distance, u, v, self.prim_id, surface=surface, known_instance_id=instance_id)
 
     @property
     def u(self) -> NDArray[np.floating]:
         """(...,) float64: barycentric coordinate of the corner b, or the azimuth on a sphere, see `Hits`."""
-        return self._hits.u
+        return self._place[0]
 
     @property
     def v(self) -> NDArray[np.floating]:
         """(...,) float64: barycentric coordinate of the corner c, or the angle on a sphere, see `Hits`."""
-        return self._hits.v
+        return self._place[1]
 
     @property
     def geometry_id(self) -> NDArray[np.int32]:
         """(...,) int32: the geometry that the point is on. Of a single mesh 0, and -1 where there is no point."""
-        return self._hits.geometry_id
+        return self.as_hits().geometry_id
 
     @property
     def instance_id(self) -> NDArray[np.int32]:
         """(...,) int32: the instance that the point is on. Of a single mesh 0, and -1 where there is no point."""
-        return self._hits.instance_id
+        return self.as_hits().instance_id
 
     @property
     def part_id(self) -> NDArray[np.int32]:
         """(...,) int32: the part that the point is on, see `Hits.part_id`."""
-        return self._hits.part_id
+        return self.as_hits().part_id
 
     @property
     def normals(self) -> Normals:
         """(..., 3) float64: the normal of the primitive there, or ``normals(smooth=True)``; see `Hits.normals`."""
-        return self._hits.normals
+        return self.as_hits().normals
 
     def interpolate(self, attribute: ArrayLike | Mapping[Any, ArrayLike]) -> NDArray[np.float64]:
         """Return the values of an attribute at the points: colours, temperatures; see `Hits.interpolate`.
@@ -108,7 +118,7 @@ class ClosestPoints(_Points):
         >>> clbvh.Tracer(mesh).closest_point([1, 2, 9]).interpolate([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
         array([0.25, 0.25, 0.5 ])
         """
-        return self._hits.interpolate(attribute)
+        return self.as_hits().interpolate(attribute)
 
     def offset_origins(self, *, towards: ArrayLike) -> NDArray[np.float64]:
         """Return start points of rays that leave the surface at the points; see `Hits.offset_origins`.
@@ -121,7 +131,7 @@ class ClosestPoints(_Points):
         ...     tracer.any_hit(closest.offset_origins(towards=[0, 0, 1]), [0, 0, 1])
         array(False)
         """
-        return self._hits.offset_origins(towards=towards)
+        return self.as_hits().offset_origins(towards=towards)
 
     def __repr__(self) -> str:
         shape, is_found = self.prim_id.shape, self.prim_id != NO_PRIM
@@ -162,9 +172,9 @@ class AllClosestPoints(ClosestPoints):
     offsets: NDArray[np.int64]
 
     @classmethod
-    def of(cls, closest: ClosestPoints, counts: NDArray[np.int64]) -> AllClosestPoints:
+    def _of(cls, closest: ClosestPoints, counts: NDArray[np.int64]) -> AllClosestPoints:
         """Return closest points of which each point has a number."""
-        grouped = cls(*closest, closest.as_hits())
+        grouped = cls(*closest, closest._place)
         grouped.offsets = np.concatenate(([0], np.cumsum(counts)))
         return grouped
 
@@ -177,12 +187,6 @@ class AllClosestPoints(ClosestPoints):
     def point_id(self) -> NDArray[np.int64]:
         """(m,) int64: the point that each primitive was found for, by its number in C order."""
         return np.repeat(np.arange(len(self.offsets) - 1), self.counts)
-
-    def select(self, is_kept: NDArray[np.bool_]) -> AllClosestPoints:
-        """Return some of the primitives: (m,) bool."""
-        distance, point, prim_id = self
-        kept = ClosestPoints(distance[is_kept], point[is_kept], prim_id[is_kept], self.as_hits()[is_kept])
-        return self.of(kept, np.bincount(self.point_id[is_kept], minlength=len(self.offsets) - 1))
 
 
 _LOOPS = Loops("points/refine")
@@ -215,6 +219,8 @@ class FoundPoints(NamedTuple):
 
     def part(self, begin: int, end: int) -> FoundPoints:
         """Return views of the results of points `begin` to `end`."""
+        if end - begin == len(self.distance):  # views would cost a call with one point 3 % of its time
+            return self
         return FoundPoints(*(values[begin:end] for values in self))  # type: ignore[arg-type]
 
     def take(self, rows: NDArray[np.int64]) -> FoundPoints:
@@ -230,15 +236,14 @@ class FoundPoints(NamedTuple):
 
     def drop_beyond(self, limits: NDArray[np.float64], shape: tuple[int, ...]) -> None:
         """Leave nothing that is farther away than limits, which are broadcast to a shape."""
-        if not np.isinf(limits).all():
+        if limits.ndim or limits < np.inf:
             self.drop(self.distance > np.broadcast_to(limits, shape).reshape(-1))
 
     def as_closest(self, shape: tuple[int, ...], surface: Surface) -> ClosestPoints:
         """Return the results in a shape, given the surface that they are on."""
-        distance, u, v = (values.reshape(shape) for values in (self.distance, self.u, self.v))
-        point, prim_id = self.point.reshape(*shape, 3), self.prim_id.reshape(shape)
-        hits = Hits(distance, u, v, prim_id, surface=surface, known_instance_id=self.instance_id.reshape(shape))
-        return ClosestPoints(distance, point, prim_id, hits)
+        u, v, instance_id = (values.reshape(shape) for values in (self.u, self.v, self.instance_id))
+        distance, point, prim_id = self.distance.reshape(shape), self.point.reshape(*shape, 3), self.prim_id
+        return ClosestPoints(distance, point, prim_id.reshape(shape), (u, v, instance_id, surface))
 
 
 def refine_points(
