@@ -69,6 +69,7 @@ _ADVICE = {
     "did not answer": ("the driver hangs: is the device busy? Else restart the driver or the machine",),
     "lib(imf|svml|irng|intlc)": ("Intel's runtime needs its compiler's libraries", "$ pip install intel-cmplr-lib-rt"),
     "which cannot be loaded|cannot be read": ("reinstall the driver and the libraries it needs, or delete the file",),
+    "No module named 'pyopencl'": ("$ pip install pyopencl",),
     "pyopencl cannot be imported": ("$ pip install --force-reinstall --only-binary :all: pyopencl",),
     r"\(host\)|do not fit": ("$ pip install --force-reinstall --no-deps clbvh",),
     "asks all drivers": ("try the drivers one at a time", "$ OCL_ICD_VENDORS=/path/of/one/driver.icd clbvh devices"),

@@ -5,7 +5,8 @@ preference, see docs/devices.md. Names of platforms and devices are matched apar
 puts the processor's brand into the device's name ("cpu-sapphirerapids-Intel(R) Xeon(R)" is PoCL): the maker's name
 alone means that maker's driver or graphics card.
 
-Must not know why a device is missing: that is `doctor.py`. `pyopencl` is imported on first use: the host needs none.
+Must not know why a device is missing: that is `doctor.py`. `pyopencl` is imported on first use and may be missing: the
+host needs none.
 """
 
 from __future__ import annotations
@@ -76,7 +77,11 @@ def import_pyopencl() -> Any:
     try:
         import pyopencl
     except (ImportError, OSError) as error:
-        raise DeviceError(f"pyopencl cannot be imported ({error}): run `clbvh doctor` for advice") from error
+        # A copy that pip compiled needs the system's OpenCL loader; wheels bring one.
+        again = "" if isinstance(error, ModuleNotFoundError) else "--force-reinstall --only-binary :all: "
+        raise DeviceError(
+            f"OpenCL needs pyopencl, which cannot be imported ({error}): run `pip install {again}pyopencl`"
+        ) from error
     return pyopencl
 
 
@@ -194,7 +199,13 @@ def choose_device(spec: Any = None) -> DeviceInfo:
     if not survey.devices:
         reason = f" ({survey.problems[0]})" if survey.problems else ""
         raise DeviceError(f"no device was found{reason}: run `clbvh doctor` to find the cause")
-    return pick_device(survey.devices, spec, asked_by)
+    try:
+        return pick_device(survey.devices, spec, asked_by)
+    except DeviceError as error:
+        if len(survey.devices) > 1 or not survey.problems:
+            raise
+        # What OpenCL lacks says more than that the host is another one.
+        raise DeviceError(f"no device matches '{spec}'{asked_by}: {survey.problems[0]}") from error
 
 
 def find_again(device: DeviceInfo) -> DeviceInfo:

@@ -206,11 +206,17 @@ def test_drivers_for_processors_alone_are_known_by_their_files(tmp_path, monkeyp
         assert may_serve_gpus()
 
 
-def test_without_pyopencl_the_host_is_there_and_one_sentence_says_what_is_not(monkeypatch):
+@pytest.mark.parametrize("word", ["gpu", "pocl", 1, "nvidia gpu"])
+def test_without_pyopencl_the_host_is_there_and_one_sentence_says_what_is_not(monkeypatch, word):
     monkeypatch.setitem(sys.modules, "pyopencl", None)
     survey = survey_devices()
     assert [device.is_host for device in survey.devices] == [True]
-    assert [problem[:32] for problem in survey.problems] == ["pyopencl cannot be imported (imp"]
+    (problem,) = survey.problems
+    assert problem.startswith("OpenCL needs pyopencl, which cannot be imported (imp")
+    assert problem.endswith(": run `pip install pyopencl`")
+    with pytest.raises(DeviceError) as raised:
+        choose_device(word)
+    assert str(raised.value) == f"no device matches '{word}': {problem}"
 
 
 class FailingDevice:
