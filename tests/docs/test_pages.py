@@ -20,6 +20,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
+import clbvh
 from clbvh.cli.app import VERBS, make_app
 from clbvh.files.scene_file import parse_scene_file
 from tests.cli.command import run_clbvh
@@ -221,3 +222,11 @@ def test_benchmarks_that_pages_name_can_be_imported():
     named = {file for page in PAGES for file in re.findall(r"\bbench/\w+\.py", page.read_text())}
     assert named
     assert [file for file in sorted(named) if not (REPOSITORY / file).is_file()] == []
+
+
+@pytest.mark.parametrize(
+    ("path", "line"),
+    [("CITATION.cff", "version: {}"), ("recipe/recipe.yaml", '  version: "{}"'), ("CHANGELOG.md", "## {} - 20")],
+)
+def test_every_file_has_the_version(path, line):
+    assert f"\n{line.format(clbvh.__version__)}" in (REPOSITORY / path).read_text()

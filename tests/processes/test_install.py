@@ -182,9 +182,10 @@ def test_the_source_distribution_has_what_a_build_and_the_tests_need(tmp_path):
     with tarfile.open(path) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
         archive.extractall(tmp_path / "unpacked", filter="data")
-    for part in ("clbvh", "cl", "scenes", "tests", "docs", "examples", ".ci", "bench"):
+    for part in ("clbvh", "cl", "scenes", "tests", "docs", "examples", ".ci", ".github", "bench", "recipe"):
         assert {name for name in files_of(REPOSITORY, part) if not name.startswith("clbvh/compiled/")} <= names
     assert {"README.md", "LICENSE", "CHANGELOG.md", "Makefile", "Dockerfile", "hatch_build.py"} <= names
+    assert {"RELEASING.md", "CITATION.cff"} <= names
     (unpacked,) = (tmp_path / "unpacked").iterdir()
     run_pip("wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", tmp_path, unpacked)
     assert list(tmp_path.glob("*.whl"))
