@@ -35,14 +35,16 @@ class RayQueries(HasCaster):
     def closest_hit(
         self, origins: ArrayLike | Hits | ClosestPoints, directions: ArrayLike, *, t_min: ArrayLike = ...,
         t_max: ArrayLike = ..., mask: ArrayLike | None = ..., side: str | None = ...,
-        exclude: ArrayLike | Hits | ClosestPoints | None = ..., progress: Progress | None = ..., out: Literal["host"] = ...,
+        exclude: ArrayLike | Hits | ClosestPoints | None = ..., progress: Progress | None = ...,
+        out: Literal["host"] = ...,
     ) -> Hits: ...  # fmt: skip
 
     @overload
     def closest_hit(
         self, origins: ArrayLike | Hits | ClosestPoints, directions: ArrayLike, *, t_min: ArrayLike = ...,
         t_max: ArrayLike = ..., mask: ArrayLike | None = ..., side: str | None = ...,
-        exclude: ArrayLike | Hits | ClosestPoints | None = ..., progress: Progress | None = ..., out: Literal["device"],
+        exclude: ArrayLike | Hits | ClosestPoints | None = ..., progress: Progress | None = ...,
+        out: Literal["device"],
     ) -> DeviceHits: ...  # fmt: skip
 
     def closest_hit(
