@@ -2,7 +2,7 @@
 FROM python:3.12-slim
 COPY . /source
 # All levels: the image may move to another processor.
-RUN CLBVH_HOST_LEVELS=all pip install --no-cache-dir /source && rm -r /source
+RUN CLBVH_HOST_TARGET=own pip install --no-cache-dir /source && rm -r /source
 # A user without a home can write there, too.
 ENV CLBVH_CACHE=/cache XDG_CACHE_HOME=/cache
 RUN mkdir -m 777 /cache /data

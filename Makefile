@@ -20,10 +20,11 @@ INSTALLED_PEERS := $(VENV)/.installed-peers
 INSTALLED_DOCS := $(VENV)/.installed-docs
 INSTALLED_STUDY := $(VENV)/.installed-study
 INSTALLED_PTXAS := $(VENV)/.installed-ptxas
+INSTALLED_LIEF := $(VENV)/.installed-lief
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo gallery test test-processes test-long fuzz mutants conformance conformance-refresh \
-  platforms lint bench docs study results gpu-report clean
+  platforms wheels lint bench docs study results gpu-report clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-19s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -69,6 +70,11 @@ conformance-refresh: $(INSTALLED) ## store the answers of the default device ane
 
 platforms: $(INSTALLED_DEV) ## see whether all packages have wheels for each platform and Python (downloads 2 GB)
 	$(BIN)/python .ci/check_platforms.py
+
+# Each target has some 560 files of kernels and loops for each of its levels: compiled for the first time, a level takes
+# 20 minutes of a processor. `make wheels ONLY=linux-aarch64` builds one.
+wheels: $(INSTALLED_LIEF) ## compile for Linux, macOS and Windows: a wheel of each, and the sdist, in dist; CHECK=1 looks into them
+	$(BIN)/python .ci/build_wheels.py $(if $(CHECK),--check) $(ONLY)
 
 lint: $(INSTALLED_DEV) ## ruff, mypy, import-linter, and the rules for kernels
 	$(BIN)/ruff check .
@@ -121,6 +127,11 @@ $(INSTALLED_DEV): pyproject.toml | $(BIN)/python
 # NVIDIA's assembler: a wheel of 40 MB. Another version may use other registers.
 $(INSTALLED_PTXAS): $(INSTALLED)
 	$(PIP) install --quiet --disable-pip-version-check nvidia-cuda-nvcc-cu12==12.9.86
+	@touch $@
+
+# Reads the libraries of all systems.
+$(INSTALLED_LIEF): $(INSTALLED_DEV)
+	$(PIP) install --quiet --disable-pip-version-check 'lief>=0.16'
 	@touch $@
 
 $(INSTALLED_DOCS): $(INSTALLED_DEV)

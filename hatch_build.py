@@ -1,7 +1,8 @@
 """What is made when a package is built: the compiled kernels, the project's addresses, a README for a package index.
 
-The kernels are compiled for the processor of this machine; with `CLBVH_HOST_LEVELS=all`, for all
-levels, as a wheel for others needs them. On other systems than Linux the package has none, and needs a driver.
+The kernels are compiled for the processor of this machine. With `CLBVH_HOST_TARGET`, a name in
+clbvh/device/host/targets.py or `own`, they are compiled for all machines of that target, wherever the build runs. On
+other systems than Linux a package without a target has no kernels, and needs a driver.
 
 On an index there is no repository around the README. With `CLBVH_PROJECT_URL`, the address of the published repository,
 its links and pictures become absolute, and the metadata names the addresses; without it, links become text and pictures
@@ -20,7 +21,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 URL_VARIABLE = "CLBVH_PROJECT_URL"
-LEVELS_VARIABLE = "CLBVH_HOST_LEVELS"
+TARGET_VARIABLE = "CLBVH_HOST_TARGET"
 
 _PICTURE = re.compile(r"!\[([^\]]*)\]\(([^)\s]+)\)")
 # The text of a link may go over the end of a line.
@@ -32,27 +33,29 @@ class CustomBuildHook(BuildHookInterface):
 
     def dependencies(self) -> list[str]:
         """Return what brings a compiler, unless there is one."""
-        return [] if not self._is_for_here() or self._compiler().find_compiler() else ["ziglang>=0.14"]
+        if self.target_name != "wheel":
+            return []
+        compiler = self._compiler()
+        is_lacking = compiler.find_own_target() is not None and compiler.find_compiler() is None
+        return ["ziglang>=0.14"] if is_lacking or os.environ.get(TARGET_VARIABLE) else []
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile, and say what the package holds and where it runs."""
-        if not self._is_for_here():
+        compiler, asked = self._compiler(), os.environ.get(TARGET_VARIABLE)
+        target = compiler.find_target(None if asked == "own" else asked) if asked else compiler.find_own_target()
+        if target is None:
             return
-        compiler = self._compiler()
-        from clbvh.device.host.variants import library_name
-
-        has_all = os.environ.get(LEVELS_VARIABLE) == "all"
-        levels = [*compiler.LEVELS[compiler.machine()]] if has_all else [compiler.find_level()]
-        path = f"clbvh/compiled/{library_name()}"
-        compiler.build_library(Path(self.root) / path, compiler.find_objects(), levels)
-        # Code for all processors of the kind runs on every Linux, since it calls no library; other code runs here.
-        system = "manylinux_2_17" if has_all else "linux"
-        build_data["tag"] = f"py3-none-{system}_{compiler.machine()}"
+        place = f"clbvh/compiled/{target.library_name}"
+        if asked:
+            # Not into the package: the checkout's own library stays.
+            path = Path(self.root) / "out" / "targets" / target.name / target.library_name
+            compiler.build_library(path, compiler.find_objects(), target=target)
+            build_data["force_include"][str(path)] = place
+        else:
+            compiler.build_library(Path(self.root) / place, compiler.find_objects(), [compiler.find_level()])
+            build_data["artifacts"].append(f"/{place}")
+        build_data["tag"] = f"py3-none-{target.tag if asked else f'linux_{target.machine}'}"
         build_data["pure_python"] = False
-        build_data["artifacts"].append(f"/{path}")
-
-    def _is_for_here(self) -> bool:
-        return self.target_name == "wheel" and sys.platform == "linux" and self._compiler().is_known_machine()
 
     def _compiler(self) -> Any:
         if self.root not in sys.path:

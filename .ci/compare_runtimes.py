@@ -249,12 +249,13 @@ def compile_hosts(folder: Path) -> Iterator[Runtime]:
     DeviceError
         There is no compiler.
     """
-    from clbvh.device.host.compile import LEVELS, build_library, find_level, find_objects, machine
+    from clbvh.device.host.compile import build_library, find_level, find_objects, find_own_target
     from clbvh.device.host.library import LEVEL_VARIABLE, LIBRARY_VARIABLE
     from clbvh.device.host.variants import list_variants
 
-    known = list(LEVELS[machine()])
-    levels = known[: known.index(find_level()) + 1]
+    highest, target = find_level(), find_own_target()
+    known = list(target.levels) if target else []
+    levels = known[: known.index(highest) + 1]
     # The slowest ones to compile, of which no answer is stored.
     variants = [variant for variant in list_variants() if variant.name != "render_samples"]
     for name, library, chosen, macros in (

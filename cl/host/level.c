@@ -45,3 +45,13 @@ __attribute__((visibility("default"))) int clbvh_level(void)
 }
 
 #endif
+
+#if defined(_WIN32)
+
+// Windows calls it when the library is loaded and unloaded, and wants no 0.
+int DllMainCRTStartup(void *library, unsigned reason, void *reserved)
+{
+    return 1;
+}
+
+#endif

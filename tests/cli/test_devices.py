@@ -12,7 +12,7 @@ from clbvh.conformance import check
 from clbvh.conformance.expected import load_expected
 from clbvh.device import doctor, select
 from clbvh.device.driver_files import find_bundled_folder
-from clbvh.device.host.compile import LEVELS, machine
+from clbvh.device.host.targets import find_target
 
 from .command import hidden_drivers, refuses, run_clbvh, run_process, shadowed_modules
 
@@ -25,7 +25,7 @@ class TestDevices:
 
         host, *listed = json.loads(run_clbvh("devices", "--json").stdout)["devices"]
         assert (host["number"], host["platform"], host["kind"]) == (0, "host", "cpu")
-        assert host["version"] in [f"level {level}" for level in LEVELS[machine()]]
+        assert host["version"] in [f"level {level}" for level in find_target().levels]
         drivers_say = sorted(
             (" ".join(device.name.split()), device.global_mem_size, device.max_compute_units)
             for platform in cl.get_platforms()

@@ -24,13 +24,15 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
 from ...errors import ConfigError, DeviceError, KernelBuildError
 from ...support.folders import find_cache, find_folder
 from ...support.host_threads import usable_cores
 from ..sources import ENTRY_POINT, LOOP, expand_for_host, expand_shipped, expand_source, find_arguments, find_loops
-from .variants import FIXED, Variant, list_loop_files, list_variants, loop_entry, machine
+from .targets import Target, find_machine, find_target
+from .variants import FIXED, Variant, list_loop_files, list_variants, loop_entry
 
 COMPILER_VARIABLE = "CLBVH_CLANG"
 OBJECTS_VARIABLE = "CLBVH_OBJECTS"
@@ -44,12 +46,6 @@ _KEPT_S = 30 * 24 * 3600
 # The oldest clang that compiles the sources.
 _OLDEST_CLANG = 15
 _NAMES = ("clang", *(f"clang-{version}" for version in range(29, _OLDEST_CLANG - 1, -1)))
-
-# The levels of each kind of processor, from the lowest up, and what the compiler calls them.
-LEVELS = {
-    "x86_64": {"v2": "x86-64-v2", "v3": "x86-64-v3", "v4": "x86-64-v4"},
-    "aarch64": {"neon": "armv8-a"},
-}
 
 # Rounding is ours to choose, and infinities and NaN mean something.
 _OPTIONS = (
@@ -76,9 +72,12 @@ class Compiler(NamedTuple):
     version: str
 
 
-def is_known_machine() -> bool:
-    """Return whether kernels can be compiled for this system and its processor."""
-    return sys.platform == "linux" and machine() in LEVELS
+def find_own_target() -> Target | None:
+    """Return the target of an installation from source, which is this machine; None where there is none.
+
+    On other systems than Linux nobody has tried to compile: the library for them is in a wheel.
+    """
+    return find_target() if sys.platform == "linux" else None
 
 
 def find_compiler() -> Compiler | None:
@@ -90,14 +89,27 @@ def find_compiler() -> Compiler | None:
         found = re.search(r"clang version (\d+)", version)
         if path and found and int(found[1]) >= _OLDEST_CLANG:
             return Compiler((path,), (path, "-shared", "-nostdlib", "-s"), version)
+    zig = None if os.environ.get(COMPILER_VARIABLE) else _find_zig()
+    return zig and Compiler((zig, "clang"), (zig, "ld.lld", "-shared", "-s"), _ask_version((zig, "clang")))
+
+
+def find_cross_compiler(target: Target) -> Compiler | None:
+    """Return the clang of the package ziglang, which has every system's C library to link with; or None."""
+    zig = _find_zig()
+    link = "cc", "-shared", "-s", "-target", target.zig, *target.links
+    return zig and Compiler((zig, "clang"), (zig, *link), _ask_version((zig, "clang")))
+
+
+def _find_zig() -> Any:
     spec = find_spec("ziglang")
-    if spec is not None and spec.origin is not None and not os.environ.get(COMPILER_VARIABLE):
-        zig = str(Path(spec.origin).with_name("zig"))
-        return Compiler((zig, "clang"), (zig, "ld.lld", "-shared", "-s"), _ask_version((zig, "clang")))
-    return None
+    return spec and spec.origin and str(Path(spec.origin).with_name("zig"))
 
 
-def _need_compiler() -> Compiler:
+def _need_compiler(target: Target | None = None) -> Compiler:
+    if target is not None:
+        if (compiler := find_cross_compiler(target)) is None:
+            raise DeviceError(f"kernels for {target.name} are compiled by the package ziglang: `pip install ziglang`")
+        return compiler
     if (compiler := find_compiler()) is None:
         asked = os.environ.get(COMPILER_VARIABLE)
         found = f"{asked} is none" if asked else "none is on the PATH, nor is there the package ziglang"
@@ -121,19 +133,21 @@ def find_objects() -> Path:
 
 
 def build_library(
-    target: Path, objects: Path, levels: Iterable[str], *, jobs: int | None = None,
+    path: Path, objects: Path, levels: Iterable[str] = (), *, target: Target | None = None, jobs: int | None = None,
     variants: Iterable[Variant] = (), macros: Mapping[str, int] | None = None,
 ) -> None:  # fmt: skip
-    """Compile all kernels and loops for this machine's kind of processor, and link them.
+    """Compile all kernels and loops, and link them.
 
     Parameters
     ----------
-    target : Path
+    path : Path
         The library; replaced at once when it is complete.
     objects : Path
         Folder of what was compiled before.
     levels : iterable of str
-        Names in `LEVELS`.
+        Of the target; by default all.
+    target : Target, optional
+        A library for all machines of this target; by default for this one, by any compiler.
     jobs : int, optional
         Compilers at a time; by default the number of usable processors.
     variants : iterable of Variant
@@ -148,13 +162,12 @@ def build_library(
     KernelBuildError
         It refuses.
     """
-    compiler = _need_compiler()
-    names = LEVELS[machine()]
-    levels = sorted(levels)
+    compiler, target = _need_compiler(target), target or _need_own_target()
+    levels = sorted(levels) or list(target.levels)
     chosen = list(variants) or list_variants()
-    units = [_variant_unit(variant, level, names[level], macros or {}) for level in levels for variant in chosen]
-    units += [_loops_unit(name, level) for level in levels for name in list_loop_files()]
-    _link(compiler, target, objects, [*units, _level_unit(tuple(levels))], jobs)
+    units = [_variant_unit(variant, level, target, macros or {}) for level in levels for variant in chosen]
+    units += [_loops_unit(name, level, target) for level in levels for name in list_loop_files()]
+    _link(compiler, path, objects, [*units, _level_unit(levels, target)], jobs)
 
 
 def build_program(objects: Path, source: str, macros: Mapping[str, int], level: str) -> Path:
@@ -169,7 +182,7 @@ def build_program(objects: Path, source: str, macros: Mapping[str, int], level: 
     macros : mapping of str to int
         All macros of the source.
     level : str
-        A name in `LEVELS`.
+        Of this machine's target.
 
     Raises
     ------
@@ -180,11 +193,11 @@ def build_program(objects: Path, source: str, macros: Mapping[str, int], level: 
     """
     compiler = _need_compiler()
     entries = {kernel: f"{level}_{kernel}" for kernel in find_arguments(source)}
-    unit = _unit(source, entries, LEVELS[machine()][level], macros)
-    target = objects / f"{_digest(compiler, unit)}.so"
-    if not target.exists():
-        _link(compiler, target, objects, [unit], 1)
-    return target
+    unit = _unit(source, entries, _target_options(_need_own_target(), level), macros)
+    path = objects / f"{_digest(compiler, unit)}.so"
+    if not path.exists():
+        _link(compiler, path, objects, [unit], 1)
+    return path
 
 
 def build_loops(objects: Path, name: str, level: str) -> Path:
@@ -193,28 +206,25 @@ def build_loops(objects: Path, name: str, level: str) -> Path:
     Parameters and errors are those of `build_program`; the name is that of the file.
     """
     compiler = _need_compiler()
-    unit = _loops_unit(name, level)
-    target = objects / f"{_digest(compiler, unit)}.so"
-    if not target.exists():
-        _link(compiler, target, objects, [unit], 1)
-    return target
+    unit = _loops_unit(name, level, _need_own_target())
+    path = objects / f"{_digest(compiler, unit)}.so"
+    if not path.exists():
+        _link(compiler, path, objects, [unit], 1)
+    return path
 
 
-def _link(compiler: Compiler, target: Path, objects: Path, units: Sequence[_Unit], jobs: int | None) -> None:
+def _link(compiler: Compiler, path: Path, objects: Path, units: Sequence[_Unit], jobs: int | None) -> None:
     """Compile the units, several at a time, and link them."""
     objects.mkdir(parents=True, exist_ok=True)
     with ThreadPoolExecutor(jobs or usable_cores()) as pool:
         made = list(pool.map(lambda unit: _compile(compiler, unit, objects), units))
-    target.parent.mkdir(parents=True, exist_ok=True)
-    own = f"{os.getpid()}-{threading.get_ident()}"
-    linked, listing = target.with_suffix(f".{own}.tmp"), objects / f"{target.name}.{own}.rsp"
-    listing.write_text("\n".join(f'"{path}"' for path in made))
-    try:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # In a folder of its own, under its own name: some libraries have it inside, and some linkers write more files.
+    with TemporaryDirectory(dir=path.parent) as folder:
+        linked, listing = Path(folder) / path.name, Path(folder) / "objects.rsp"
+        listing.write_text("\n".join(f'"{each.as_posix()}"' for each in made))
         _run([*compiler.link, "-o", str(linked), f"@{listing}"])
-        linked.replace(target)
-    finally:
-        listing.unlink()
-        linked.unlink(missing_ok=True)
+        linked.replace(path)
     _forget_old(objects)
 
 
@@ -226,20 +236,20 @@ class _Unit(NamedTuple):
     ending: str
 
 
-def _variant_unit(variant: Variant, level: str, processor: str, macros: Mapping[str, int]) -> _Unit:
+def _variant_unit(variant: Variant, level: str, target: Target, macros: Mapping[str, int]) -> _Unit:
     source = expand_for_host(f"kernels/{variant.name}.cl")
     entries = {kernel: f"{level}_{variant.entry(kernel)}" for kernel in find_arguments(source)}
-    return _unit(source, entries, processor, FIXED | dict(variant.macros) | dict(macros))
+    return _unit(source, entries, _target_options(target, level), FIXED | dict(variant.macros) | dict(macros))
 
 
-def _unit(source: str, entries: Mapping[str, str], processor: str, macros: Mapping[str, int]) -> _Unit:
+def _unit(source: str, entries: Mapping[str, str], options: tuple[str, ...], macros: Mapping[str, int]) -> _Unit:
     """Return what compiles the kernels of a source, with their entries by the kernels' names."""
     arguments = find_arguments(source)
     texts = (_entry_text(kernel, arguments[kernel], entry) for kernel, entry in entries.items())
     kernels = ENTRY_POINT.sub(r"kernel void \1(const work_item_t work_item, \2)", source)
     text = expand_shipped(_BUILTINS) + kernels + "".join(texts)
     defines = (f"-D{macro}={value}" for macro, value in macros.items())
-    return _Unit((*_KERNEL_OPTIONS, *_target_options(processor), *defines), text, ".cl")
+    return _Unit((*_KERNEL_OPTIONS, *options, *defines), text, ".cl")
 
 
 # The length of an array, which a declaration gives for host/loops.py, and which OpenCL C does not allow.
@@ -247,7 +257,7 @@ _LENGTH = re.compile(r"(?<=\w)\[[^\]]*[a-z][^\]]*\]")
 _PARAMETER_NAME = re.compile(r"(\w+)(?:\[[^\]]*\])*\s*(?:,|$)")
 
 
-def _loops_unit(name: str, level: str) -> _Unit:
+def _loops_unit(name: str, level: str, target: Target) -> _Unit:
     """Return what compiles the loops of a file for a level, with their entries."""
     source = LOOP.sub(lambda declaration: _LENGTH.sub("[]", declaration[0]), expand_shipped(f"host/{name}.cl"))
     texts = []
@@ -255,18 +265,19 @@ def _loops_unit(name: str, level: str) -> _Unit:
         entry, passed = f"{level}_{loop_entry(name, loop)}", ", ".join(_PARAMETER_NAME.findall(parameters))
         call = f"{'' if result == 'void' else 'return '}{loop}({passed});"
         texts.append(f"extern {_VISIBLE} {result} {entry}({parameters}) {{ {call} }}\n")
-    options = *_LOOP_OPTIONS, *_target_options(LEVELS[machine()][level])
+    options = *_LOOP_OPTIONS, *_target_options(target, level)
     return _Unit(options, expand_shipped(_BUILTINS) + expand_shipped(_LOOP_BUILTINS) + source + "".join(texts), ".cl")
 
 
-def _level_unit(levels: tuple[str, ...]) -> _Unit:
+def _level_unit(levels: Sequence[str], target: Target) -> _Unit:
     facts = f'{_VISIBLE} const char clbvh_facts[] = "{find_digest()} {" ".join(levels)}";\n'
     text = (find_folder("cl") / _LEVEL).read_text(encoding="utf-8")
-    return _Unit((*_C_OPTIONS, *_target_options("")), text + facts, ".c")
+    return _Unit((*_C_OPTIONS, *_target_options(target)), text + facts, ".c")
 
 
-def _target_options(processor: str) -> tuple[str, ...]:
-    return (f"--target={machine()}-linux-gnu", *((f"-march={processor}",) if processor else ()))
+def _target_options(target: Target, level: str | None = None) -> tuple[str, ...]:
+    processor = (f"-march={target.levels[level]}",) if level else ()
+    return (f"--target={target.triple}", *processor, *target.options)
 
 
 # The slots are behind the four numbers of the launch.
@@ -346,7 +357,13 @@ def find_digest() -> str:
     """Return a digest of everything that the library depends on."""
     folder, own = find_folder("cl"), Path(__file__).parent
     digest = hashlib.sha256(expand_source("structs.cl").encode() + repr(list_variants()).encode())
-    for path in (*sorted(folder.rglob("*.c*")), own / "compile.py", own / "library.py", own.parent / "sources.py"):
+    for path in (
+        *sorted(folder.rglob("*.c*")),
+        own / "compile.py",
+        own / "library.py",
+        own / "targets.py",
+        own.parent / "sources.py",
+    ):
         digest.update(f"{path.name}\0".encode() + path.read_bytes())
     return digest.hexdigest()[:32]
 
@@ -365,17 +382,22 @@ def find_level() -> str:
     DeviceError
         There is no compiler, or the kernels are not for processors of this kind.
     """
-    if not is_known_machine():
-        raise DeviceError(f"the kernels are not compiled for processors of the kind {machine()}")
-    if machine() != "x86_64":
-        return next(iter(LEVELS[machine()]))
+    target = _need_own_target()
+    if target.machine != "x86_64":
+        return next(iter(target.levels))
     command = [*_need_compiler().compile, "-march=native", "-x", "c", "-dM", "-E", os.devnull]
     macros = _run(command)
     return next(level for level, needed in _MACROS.items() if all(f"{macro} " in macros for macro in needed))
 
 
 def check_levels(levels: Sequence[str]) -> None:
-    """Raise `ConfigError` unless all are levels of this machine's kind of processor."""
-    known = LEVELS.get(machine(), {})
-    if unknown := [level for level in levels if level not in known]:
-        raise ConfigError(f"{machine()} has no level {unknown[0]}, but {', '.join(known) or 'none'}")
+    """Raise `ConfigError` unless all are levels of this machine's target."""
+    target = _need_own_target()
+    if unknown := [level for level in levels if level not in target.levels]:
+        raise ConfigError(f"{target.name} has no level {unknown[0]}, but {', '.join(target.levels)}")
+
+
+def _need_own_target() -> Target:
+    if (target := find_own_target()) is None:
+        raise DeviceError(f"the kernels are not compiled on {sys.platform} for processors of the kind {find_machine()}")
+    return target

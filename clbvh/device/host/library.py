@@ -23,7 +23,8 @@ from ...support.forks import make_lock
 from ...support.say_once import say_compiling
 from ..kernel import Kernel
 from ..sources import expand_for_host, find_arguments
-from .variants import FIXED, Variant, library_name, loop_entry, machine
+from .targets import find_machine, find_target
+from .variants import FIXED, Variant, loop_entry
 
 LEVEL_VARIABLE = "CLBVH_HOST_LEVEL"
 LIBRARY_VARIABLE = "CLBVH_HOST_LIBRARY"
@@ -47,7 +48,8 @@ def library_path() -> Path:
     """Return where the library is, or would be: `CLBVH_HOST_LIBRARY`, or the package's own."""
     if path := os.environ.get(LIBRARY_VARIABLE):
         return Path(path)
-    return _PACKAGE / "compiled" / library_name()
+    target = find_target()
+    return _PACKAGE / "compiled" / (target.library_name if target else "host")
 
 
 class HostBuffer:
@@ -281,7 +283,7 @@ def _find(library: ctypes.CDLL, entry: str) -> Any:
 
 def _find_entry(library: ctypes.CDLL, entry: str) -> _Entry:
     function = _find(library, entry)
-    function.argtypes = (ctypes.c_char_p, ctypes.c_long, ctypes.c_long)
+    function.argtypes = (ctypes.c_char_p, ctypes.c_int64, ctypes.c_int64)
     function.restype = None
     return function
 
@@ -325,10 +327,13 @@ def _is_checkout() -> bool:
 
 def _rebuild(path: Path) -> None:
     """Compile the library of a checkout for this processor, in one process at a time."""
-    from .compile import build_library, find_compiler, find_level, find_objects, is_known_machine
+    from .compile import build_library, find_compiler, find_level, find_objects, find_own_target
 
-    if not is_known_machine():
-        raise DeviceError(f"there is no host device for {platform.system()} on {machine()}: an OpenCL driver may serve")
+    if find_own_target() is None:
+        wheel = "a wheel of clbvh has it, or " if find_target() else ""
+        raise DeviceError(
+            f"there is no host device for {platform.system()} on {find_machine()}: {wheel}an OpenCL driver may serve"
+        )
     if not _is_checkout() or find_compiler() is None or not is_writable(path.parent):
         what = "do not fit their sources" if path.is_file() else "are missing"
         raise DeviceError(f"the compiled kernels of the host {what}: {_REBUILD} compiles them")

@@ -6,7 +6,6 @@ that callers ask for. The build, the loader and the tests work from this table.
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import NamedTuple
@@ -40,17 +39,6 @@ _OF_WORLDS = (
     "depth", "first_hits", "inside", "prims_in_boxes",
 )  # fmt: skip
 _OF_NO_WORLD = ("add_samples", "develop", "meet_boxes", "refine_hits", "settle_tiles")
-
-
-def machine() -> str:
-    """Return the kind of this machine's processor, as compilers name it."""
-    name = platform.machine().lower()
-    return {"amd64": "x86_64", "arm64": "aarch64"}.get(name, name)
-
-
-def library_name() -> str:
-    """Return the name of the library's file."""
-    return f"host-{machine()}.so"
 
 
 class Variant(NamedTuple):
