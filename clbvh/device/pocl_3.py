@@ -61,7 +61,7 @@ def prepare_pocl_3(device: DeviceInfo) -> None:
 
 @cache
 def _find_missing() -> list[str]:
-    programs = [os.environ.get("PATH", ""), "/usr/local/bin", *map(str, Path("/usr").glob("x86_64*/bin"))]
+    programs = [os.environ.get("PATH", ""), "/usr/local/bin", *map(str, Path("/usr").glob("x86_64*linux*/bin"))]
     libraries = [*filter(None, os.environ.get("LIBRARY_PATH", "").split(os.pathsep)), *_LIBRARY_FOLDERS]
     gcc = "lib*/gcc/x86_64*linux*/*/libgcc.a"
     is_there = {
