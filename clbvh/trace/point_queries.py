@@ -203,7 +203,7 @@ class PointQueries(HasCaster):
         >>> near.counts  # faces around a corner of the terrain, and around a vertex
         array([2, 6])
         """
-        caster, seen = self._caster, self._see(points, mask, geometry, instance, distance)
+        caster, seen = self._caster, self._see(points, mask, geometry, instance, distance, "distance")
         return find_within(caster, seen, progress)
 
     def prims_in_boxes(
@@ -221,15 +221,15 @@ class PointQueries(HasCaster):
         Parameters
         ----------
         lower, upper : (..., 3) float, the scene's coordinates
-            The corners of the boxes, broadcast against each other.
+            The corners of the boxes, broadcast against each other; coordinates may be infinite.
         mask, geometry, instance, progress
             As in `closest_point`.
 
         Returns
         -------
         AllClosestPoints
-            Grouped by box, with the points that are closest to the middle of the box; ``counts`` are the numbers of
-            primitives. Spheres are surfaces and what is inside of them.
+            Grouped by box, with the points that are closest to the middle of the box, of an infinite one within the
+            scene; ``counts`` are the numbers of primitives. Spheres are surfaces and what is inside of them.
 
         Raises
         ------
@@ -265,7 +265,9 @@ class PointQueries(HasCaster):
             box = int(np.argmin((below <= above).all(axis=1)))
             raise QueryError(f"box {box} has no upper corner above its lower one: {below[box]}, {above[box]}")
         below, above = (np.ascontiguousarray(corner) for corner in (below, above))
-        caster, seen = self._caster, self._see((below + above) / 2, mask, geometry, instance)
+        with np.errstate(invalid="ignore"):  # of infinite boxes
+            middles = below / 2 + above / 2
+        caster, seen = self._caster, self._see(middles, mask, geometry, instance)
         return find_in_boxes(caster, below, above, seen, progress)
 
     def contains(
@@ -429,12 +431,13 @@ class PointQueries(HasCaster):
         geometry: Geometry | str | None,
         instance: Instances | None,
         max_distance: ArrayLike = np.inf,
+        name: str = "max_distance",
     ) -> SeenPoints:
         """Return points with the instances that are visible to them."""
         chosen = None
         if geometry is not None or instance is not None:
             chosen = self._changes.choose_instances(geometry, instance)
-        return SeenPoints.read(points, mask, chosen, max_distance)
+        return SeenPoints.read(points, mask, chosen, max_distance, name)
 
     def _warn_if_open(self, query: str, caster: Caster, seen: SeenPoints) -> None:
         """Warn once that a mesh has no inside, on behalf of the public method `query`."""

@@ -56,9 +56,9 @@ class SeenPoints:
     @classmethod
     def read(
         cls, points: ArrayLike, mask: ArrayLike | None = None, instance_ids: NDArray[np.integer] | None = None,
-        max_distance: ArrayLike = np.inf,
+        max_distance: ArrayLike = np.inf, name: str = "max_distance",
     ) -> SeenPoints:  # fmt: skip
-        """Return points with their masks and limits, as the user gives them, without a copy where possible.
+        """Return points with their masks and limits, as the user gives and names them, without a copy where possible.
 
         Raises
         ------
@@ -67,7 +67,7 @@ class SeenPoints:
         """
         vectors = read_vectors(points, "points")
         masks = ALL_VISIBLE if mask is None else read_masks(mask, vectors.shape[:-1], "points")
-        return cls(vectors, masks, instance_ids, read_lengths(max_distance, "max_distance", vectors.shape[:-1]))
+        return cls(vectors, masks, instance_ids, read_lengths(max_distance, name, vectors.shape[:-1]))
 
     def take(self, ids: NDArray[np.int64]) -> SeenPoints:
         """Return some of the points, by their numbers in C order."""

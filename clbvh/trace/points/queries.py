@@ -166,15 +166,15 @@ def find_in_boxes(
     prims = np.zeros(len(hits), WORLD_PRIM)
     prims["prim_id"], prims["instance_id"] = hits["prim_id"], 0 if world.is_lone else hits["instance_id"]
     is_met = np.empty(len(prims), np.bool_)
-    caster.threads.for_ranges(len(prims), partial(_meet, world, lower, upper, box_ids, prims, is_met))
+    caster.threads.for_ranges(len(prims), partial(_meet, world, least, most, box_ids, prims, is_met))
     box_ids, prims = box_ids[is_met], prims[is_met]
 
     found, slots = FoundPoints.make(len(prims)), np.arange(len(prims), dtype=np.int32)
+    middles = np.where(np.isfinite(seen.points), seen.points, inside.points)
 
     def refine(begin: int, end: int) -> None:
         of_world, rows = (world.arrays, world.metrics.metrics, world.box), slice(begin, end)
-        order = box_ids[rows].astype(np.int32)
-        refine_points((lower + upper) / 2, *of_world, order, prims[rows], found, slots[rows])
+        refine_points(middles, *of_world, box_ids[rows].astype(np.int32), prims[rows], found, slots[rows])
 
     caster.threads.for_ranges(len(prims), refine)
     order = np.lexsort((found.prim_id, found.instance_id, found.distance, box_ids))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from clbvh import QueryError, Scene, ShardedTracer, Spheres, Tracer, make_shape, shard_mesh
-from clbvh.trace.points import search
+from clbvh.trace.points import pack, search
+from clbvh.trace.rays import pieces
 
 from .scene_distances import EXACT, SceneDistances, points_around
 from .scene_states import affine, random_linear
@@ -152,8 +153,34 @@ def test_boxes_that_touch():
             tracer.prims_in_boxes([[0, 0, 0], [0, 2, 0]], [1, 1, 1])
         with pytest.raises(QueryError, match=r"lower \(2, 3\) and upper \(3, 3\)"):
             tracer.prims_in_boxes(np.zeros((2, 3)), np.ones((3, 3)))
-        with pytest.raises(QueryError, match="max_distance must be a number from 0, not -1"):
+        with pytest.raises(QueryError, match=r"^distance must be a number from 0, not -1"):
             tracer.prims_within(lower, -1)
+
+
+def test_boxes_are_the_same_in_pieces_and_without_an_end(open_tracer, source, monkeypatch):
+    tracer, generator = open_tracer(source), np.random.default_rng(88)
+    lower = generator.uniform(-2, 2, (3000, 3))
+    upper = lower + generator.uniform(0, 0.5, lower.shape)
+    whole = tracer.prims_in_boxes(lower, upper)
+    alone = [tracer.prims_in_boxes(lower[box], upper[box]) for box in range(0, 3000, 100)]
+    monkeypatch.setattr(pack, "LEAST_POINTS", 100)
+    monkeypatch.setattr(pieces, "CHUNK_RAYS", 700)
+    monkeypatch.setattr(search, "MOST_SLOTS", 3000)
+    cut = tracer.prims_in_boxes(lower, upper)
+    for name in ("offsets", "distance", "point", "prim_id", "instance_id"):
+        np.testing.assert_array_equal(getattr(cut, name), getattr(whole, name))
+    for box, one in zip(range(0, 3000, 100), alone, strict=True):
+        np.testing.assert_array_equal(one.prim_id, whole.prim_id[whole.offsets[box] : whole.offsets[box + 1]])
+    # What lies beyond the scene changes nothing.
+    for far in (np.inf, 1e308):
+        slab = tracer.prims_in_boxes([-far, 0.1, -far], [far, 0.2, far])
+        expected = tracer.prims_in_boxes([-99, 0.1, -99], [99, 0.2, 99])
+        assert sorted(slab.prim_id) == sorted(expected.prim_id)
+        assert np.isfinite(slab.distance).all()
+        assert len(slab.prim_id) > 0
+    assert tracer.prims_in_boxes([np.inf] * 3, [np.inf] * 3).counts.tolist() == [0]
+    with pytest.raises(QueryError, match="box 0 has no upper corner"):
+        tracer.prims_in_boxes([np.nan] * 3, [1, 1, 1])
 
 
 def test_lists_of_nothing_and_of_many_points(open_tracer, mesh):
