@@ -24,7 +24,7 @@ INSTALLED_LIEF := $(VENV)/.installed-lief
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo gallery test test-processes test-long fuzz mutants conformance conformance-refresh \
-  platforms wheels lint bench docs study results gpu-report clean
+  platforms wheels emulated lint bench docs study results gpu-report clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-19s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -75,6 +75,11 @@ platforms: $(INSTALLED_DEV) ## see whether all packages have wheels for each pla
 # 20 minutes of a processor. `make wheels ONLY=linux-aarch64` builds one.
 wheels: $(INSTALLED_LIEF) ## compile for Linux, macOS and Windows: a wheel of each, and the sdist, in dist; CHECK=1 looks into them
 	$(BIN)/python .ci/build_wheels.py $(if $(CHECK),--check) $(ONLY)
+
+# `apt-get install qemu-user-static mmdebstrap musl musl-tools wine64 gcc-mingw-w64-x86-64-win32`.
+# An emulated Python takes a quarter of an hour.
+emulated: $(INSTALLED_DEV) ## run the wheels of dist on aarch64, on an old processor, with musl and Wine; ONLY="musl windows"
+	$(BIN)/python .ci/run_emulated.py $(ONLY)
 
 lint: $(INSTALLED_DEV) ## ruff, mypy, import-linter, and the rules for kernels
 	$(BIN)/ruff check .
