@@ -216,7 +216,7 @@ class PointQueries(HasCaster):
         instance: Instances | None = None,
         progress: Progress | None = None,
     ) -> AllClosestPoints:
-        """Return all primitives that meet each of some upright boxes, or touch them.
+        """Return all primitives that meet each of some upright boxes, or touch them as far as float64 can tell.
 
         Parameters
         ----------

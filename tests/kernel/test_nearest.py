@@ -141,7 +141,7 @@ def test_distances_of_what_an_instance_places(call):
     body = """
         const point_pair_t point = {position, (float3)(0.0f), 0};
         const float3 way = way_to_instance(instance, &point);
-        const nearest_t nearest = make_nearest(make_metric(instance, metric, way), KIND_SPHERES);
+        const nearest_t nearest = make_nearest(make_metric(instance, metric, way, false, (float3)(0.0f)), KIND_SPHERES);
         const float unit = nearest.metric.unit;
         const point_t least = {low.x, low.y, low.z}, greatest = {high.x, high.y, high.z};
         const point_t outside = way_to_box(&nearest.metric, least, greatest);

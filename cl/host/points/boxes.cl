@@ -7,24 +7,35 @@
 #include "math/doubles.cl"
 #include "triangles/closest.cl"
 
-// Whether a triangle is apart from a box around zero along an axis.
-INLINED bool is_apart(const double3 axis, const double3 triangle[3], const double3 half_size)
+// What a box is surely apart by: roundings of coordinates, and of their products along an axis.
+#define COORDINATE_ROOM 0x1p-50
+#define AXIS_ROOM 0x1p-48
+
+// Whether a triangle is surely apart from a box around zero along an axis, whose components are differences of products
+// of these `sizes`. A coordinate is off by `blur` at most.
+INLINED bool is_apart(
+    const double3 axis, const double3 sizes, const double3 triangle[3], const double3 half_size, const double blur)
 {
     const double a = dot3(axis, triangle[0]), b = dot3(axis, triangle[1]), c = dot3(axis, triangle[2]);
-    const double reach = dot3(fabs(axis), half_size);
+    const double3 farthest = fabs(triangle[0]) + fabs(triangle[1]) + fabs(triangle[2]) + half_size;
+    const double reach = dot3(fabs(axis), half_size) + dot3(sizes, farthest * AXIS_ROOM + (double3)(blur));
     return least_of(least_of(a, b), c) > reach || most_of(most_of(a, b), c) < -reach;
 }
 
 // Whether the plane or an edge of a triangle separates it from a box around zero, whose axes do not.
-INLINED bool is_separated(const double3 triangle[3], const double3 half_size)
+INLINED bool is_separated(const double3 triangle[3], const double3 half_size, const double blur)
 {
     const double3 edges[3] = {triangle[1] - triangle[0], triangle[2] - triangle[1], triangle[0] - triangle[2]};
-    bool is_separate = is_apart(cross3(edges[0], edges[1]), triangle, half_size);
+    const double3 e0 = fabs(edges[0]), e1 = fabs(edges[1]);
+    const double3 sizes = e0.yzx * e1.zxy + e0.zxy * e1.yzx;
+    bool is_separate = is_apart(cross3(edges[0], edges[1]), sizes, triangle, half_size, blur);
     for (int edge = 0; edge < 3; edge++) {
         const double3 e = edges[edge];
-        is_separate |= is_apart((double3)(0.0, -e.z, e.y), triangle, half_size)
-            || is_apart((double3)(e.z, 0.0, -e.x), triangle, half_size)
-            || is_apart((double3)(-e.y, e.x, 0.0), triangle, half_size);
+        const double3 axes[3] = {
+            (double3)(0.0, -e.z, e.y), (double3)(e.z, 0.0, -e.x), (double3)(-e.y, e.x, 0.0)};
+        for (int row = 0; row < 3; row++) {
+            is_separate |= is_apart(axes[row], fabs(axes[row]), triangle, half_size, blur);
+        }
     }
     return is_separate;
 }
@@ -71,7 +82,8 @@ meets_triangle(const double3 corners[3], const double scale, const double3 lower
     const double3 half_size = (upper - lower) * 0.5, middle = lower + half_size;
     const double3 seen[3] = {
         (corners[0] - middle) * scale, (corners[1] - middle) * scale, (corners[2] - middle) * scale};
-    return !is_separated(seen, half_size * scale);
+    const double farthest = most_of(largest_size(least), largest_size(most)) + largest_size(half_size);
+    return !is_separated(seen, half_size * scale, COORDINATE_ROOM * farthest * scale);
 }
 
 // Whether a placed sphere meets a box: in the coordinates of the sphere.

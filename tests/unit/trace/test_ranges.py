@@ -146,6 +146,9 @@ def test_boxes_that_touch():
         assert tracer.prims_in_boxes(lower, np.nextafter(upper, -1)).counts.tolist() == [0]
         assert tracer.prims_in_boxes(corners, corners).counts.tolist() == [1, 1, 1]
         assert tracer.prims_in_boxes(upper, [9, 9, 9]).counts.tolist() == [0]
+        # At a corner of the triangle, and of the box, whatever the size of the box.
+        for end in (0.70001, 0.9, 1e3, np.inf):
+            assert tracer.prims_in_boxes(corners, np.maximum(corners, end)).counts.tolist() == [1, 1, 1]
         assert tracer.prims_in_boxes([0.7, 0.6, 0.2], [9, 9, 9]).counts.tolist() == [1]
         near = tracer.prims_in_boxes([-1e9] * 3, [1e9] * 3)
         assert (near.prim_id == 0).all()
