@@ -23,6 +23,8 @@ PROJECT = Path(__file__).resolve().parents[1]
 FOLDER = PROJECT / "out" / "emulated"
 sys.path.insert(0, str(PROJECT))
 
+from build_wheels import find_wheel  # noqa: E402
+
 from clbvh.device.host.targets import Target, find_target  # noqa: E402
 
 # The Python of Debian 12, and the platforms whose wheels run there.
@@ -58,19 +60,20 @@ def need(program: str) -> str:
     return path
 
 
-def find_wheel(name: str) -> Path:
+def need_wheel(name: str) -> Path:
     """Return a target's wheel."""
-    found = [*(PROJECT / "dist").glob(f"*-py3-none-{find_target(name).tag}.whl")]  # type: ignore[union-attr]
-    if not found:
+    target = find_target(name)
+    wheel = find_wheel(target, PROJECT / "dist") if target else None
+    if wheel is None:
         raise SkipError(f"needs a wheel: make wheels ONLY={name}")
-    return max(found, key=lambda path: path.stat().st_mtime)
+    return wheel
 
 
 def unpack(name: str) -> Path:
     """Return the folder of an unpacked wheel."""
     folder = FOLDER / name / "site"
     shutil.rmtree(folder, ignore_errors=True)
-    with zipfile.ZipFile(find_wheel(name)) as archive:
+    with zipfile.ZipFile(need_wheel(name)) as archive:
         archive.extractall(folder)
     return folder
 
@@ -99,7 +102,7 @@ def check_python(command: Sequence[object], path: str, **environment: object) ->
 
 def check_aarch64() -> str:
     """Check with the Python of an aarch64 Debian, and packages from PyPI."""
-    wheel, emulator = find_wheel("linux-aarch64"), need("qemu-aarch64-static")
+    wheel, emulator = need_wheel("linux-aarch64"), need("qemu-aarch64-static")
     root, site = FOLDER / "debian-arm64", FOLDER / "linux-aarch64" / "site"
     if not root.exists():
         options = "--variant=extract", "--architectures=arm64", "--include=python3,libpython3-stdlib,libstdc++6"

@@ -90,12 +90,12 @@ INLINED void intersect_sheared(
     const float sign_a = perturb_edge(edge_a, b, c, ray);
     const float sign_b = perturb_edge(edge_b, c, a, ray);
     const float sign_c = perturb_edge(edge_c, a, b, ray);
-    if (have_opposite_signs(sign_a, sign_b, sign_c) || area == 0.0f
-        || is_unseen(search, prim_id, (area > 0.0f) == (ray->shear.z > 0.0f))) {
+    if (have_opposite_signs(sign_a, sign_b, sign_c) || area == 0.0f) {
         return;
     }
     const float t = (edge_a * a.z + edge_b * b.z + edge_c * c.z) / area;
-    if (t >= ray->t_min && t <= ray->t_max) {
+    if (t >= ray->t_min && t <= ray->t_max
+        && !is_unseen(search, prim_id, (area > 0.0f) == (ray->shear.z > 0.0f))) {
         const crossing_t crossing = {t, edge_b / area, edge_c / area, prim_id, triangle_index};
         add_crossing(search, crossing, query);
     }

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +17,7 @@ from ..geometry.joined_shapes import batch_small
 from ..geometry.spheres import Bounded
 from ..support.host_threads import usable_cores
 from ..support.memory import check_memory
+from ..support.settings import change_settings
 from .executor import Executor, ThreadExecutor
 from .ladder.variants import VARIANTS
 from .options import DEFAULT_BUILDER, DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY, BuildOptions, check_workers
@@ -122,7 +122,7 @@ def build(
     Raises
     ------
     ConfigError
-        Options of another type, or outside their ranges, an unknown builder, a quality that it does not have, both
+        Options of another name or type, or outside their ranges, an unknown builder, a quality that it lacks, both
         workers and a pool, or a device for a quality that the host builds.
     DeviceError
         There is no such device, or it has not enough memory.
@@ -145,7 +145,7 @@ def build(
     """
     if not isinstance(options, BuildOptions | None):
         raise ConfigError(f"options must be a clbvh.BuildOptions, not a {type(options).__name__}")
-    options = replace(options or BuildOptions(), **changes)
+    options = change_settings(options or BuildOptions(), changes, ConfigError)
     if options.quality == FAST_QUALITY:
         # Imported here: other trees are built where there is no OpenCL.
         from ..layouts.device_mesh import take_mesh

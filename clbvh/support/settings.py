@@ -150,12 +150,14 @@ def check_settings(owner: Any, prefix: str = "", error: type[ClbvhError] = Scene
             object.__setattr__(owner, name, each.read(value, prefix, error))
 
 
-def change_settings(owner: _Settings, changes: Mapping[str, Any]) -> _Settings:
+def change_settings(
+    owner: _Settings, changes: Mapping[str, Any], error: type[ClbvhError] = SceneError
+) -> _Settings:  # fmt: skip
     """Return a dataclass with other settings; members of a group change that group.
 
     Raises
     ------
-    SceneError
+    SceneError, or another error
         There is no setting of a name, or a value is wrong.
     """
     known = settings_of(type(owner))
@@ -164,7 +166,7 @@ def change_settings(owner: _Settings, changes: Mapping[str, Any]) -> _Settings:
     for name in [name for name in changes if name not in known]:
         group = next((each for each in known.values() if _is_member(name, each)), None)
         if group is None:
-            raise SceneError(say_unknown(name, [each.name for each in list_settings(type(owner))]))
+            raise error(say_unknown(name, [each.name for each in list_settings(type(owner))]))
         value = direct.get(group.name, getattr(owner, group.name))
         current = group.kind.read(True if value is None or value is False else value)
         direct[group.name] = change_settings(current, {name[len(group.name) + 1 :]: changes[name]})

@@ -35,12 +35,13 @@ def place_points(
     instances = np.zeros(1, np.int64) if instance_ids is None else instance_ids
     instances = instances[0] if len(instances) == 1 else instances
     counts = np.array([shape.prim_count for shape in surface.shapes] or [0])[owners[instances]]
+    most = np.max(counts, initial=0)
     try:
         ids, u, v, instances, counts = np.broadcast_arrays(ids, u, v, instances, counts)
     except ValueError:
         shapes = f"prim_id {ids.shape} and barycentrics {weights.shape}"
         raise QueryError(f"{shapes} do not broadcast" + f" with {instances.shape} instances" * instances.ndim) from None
     if ids.dtype.kind not in "iu" or ((ids < 0) | (ids >= counts)).any():
-        raise QueryError(f"prim_id must be whole numbers from 0 to {counts.max() - 1}, not {shorten(prim_id)}")
+        raise QueryError(f"prim_id must be whole numbers from 0 to {most - 1}, not {shorten(prim_id)}")
     known = None if surface.arrays.is_lone else instances.astype(np.int32)
     return Hits(np.zeros(ids.shape), u, v, ids.astype(np.int32), surface=surface, known_instance_id=known)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,7 +14,6 @@ from ..hits.surface import Surface
 from ..launch import Caster
 from ..rays.batch import check_room
 from ..rays.pieces import Progress
-from ..world.world import World
 from . import search
 from .batch import SeenPoints
 from .refine import AllClosestPoints, ClosestPoints, FoundPoints, refine_points
@@ -120,8 +118,7 @@ def find_nearest(caster: Caster, seen: SeenPoints, count: int, progress: Progres
         _choose(points, count, slots, found.part(begin * count, end * count))
 
     look_up(caster, seen, find, progress, most_points=max(1, search.MOST_SLOTS // slots))
-    limits = seen.limits[..., None] if seen.limits.ndim else seen.limits
-    found.drop_beyond(limits, (*seen.shape, count))
+    found.drop_beyond(seen.limits, seen.shape, count)
     return found
 
 
@@ -157,8 +154,13 @@ def find_in_boxes(
 
     def find(ids: NDArray[np.int64], slots: int) -> tuple[NDArray[np.int32], NDArray[np.void]]:
         hits, own = np.empty((len(ids), slots), world.hit_dtype), half_sides[met[ids]]
-        part = inside.take(met[ids])
-        look_up(caster, part, lambda points: points.find_in_boxes(own, slots, hits))
+
+        def write(points: Points) -> None:
+            for piece in points.piece.split(points.find_room(slots)):
+                rows = piece.begin + piece.item_ids()
+                hits[rows] = points._replace(piece=piece).find_in_boxes(own, slots)
+
+        look_up(caster, inside.take(met[ids]), write)
         return hits["prim_id"].reshape(-1), hits.reshape(-1)
 
     found_ids, parts = _find_all(len(met), find, progress)
@@ -166,7 +168,12 @@ def find_in_boxes(
     prims = np.zeros(len(hits), WORLD_PRIM)
     prims["prim_id"], prims["instance_id"] = hits["prim_id"], 0 if world.is_lone else hits["instance_id"]
     is_met = np.empty(len(prims), np.bool_)
-    caster.threads.for_ranges(len(prims), partial(_meet, world, least, most, box_ids, prims, is_met))
+
+    def test(begin: int, end: int) -> None:
+        rows = slice(begin, end)
+        _BOXES.meet_boxes(world.arrays.addresses, least, most, box_ids[rows], prims[rows], is_met[rows])
+
+    caster.threads.for_ranges(len(prims), test)
     box_ids, prims = box_ids[is_met], prims[is_met]
 
     found, slots = FoundPoints.make(len(prims)), np.arange(len(prims), dtype=np.int32)
@@ -180,14 +187,6 @@ def find_in_boxes(
     order = np.lexsort((found.prim_id, found.instance_id, found.distance, box_ids))
     closest = found.take(order).as_closest((len(order),), Surface.of_world(world))
     return AllClosestPoints._of(closest, np.bincount(box_ids, minlength=len(lower)))
-
-
-def _meet(
-    world: World, lower: NDArray[np.float64], upper: NDArray[np.float64], box_ids: NDArray[np.int64],
-    prims: NDArray[np.void], is_met: NDArray[np.bool_], begin: int, end: int,
-) -> None:  # fmt: skip
-    rows = slice(begin, end)
-    _BOXES.meet_boxes(world.arrays.addresses, lower, upper, box_ids[rows], prims[rows], is_met[rows])
 
 
 class _Results(Protocol):

@@ -173,7 +173,7 @@ class AllClosestPoints(ClosestPoints):
 
     @classmethod
     def _of(cls, closest: ClosestPoints, counts: NDArray[np.int64]) -> AllClosestPoints:
-        """Return closest points of which each point has a number."""
+        """Return closest points that are sorted by the points asked for, given the number of each."""
         grouped = cls(*closest, closest._place)
         grouped.offsets = np.concatenate(([0], np.cumsum(counts)))
         return grouped
@@ -234,10 +234,11 @@ class FoundPoints(NamedTuple):
         for values, none in zip(self, nothing, strict=True):
             values[rows] = none
 
-    def drop_beyond(self, limits: NDArray[np.float64], shape: tuple[int, ...]) -> None:
-        """Leave nothing that is farther away than limits, which are broadcast to a shape."""
+    def drop_beyond(self, limits: NDArray[np.float64], shape: tuple[int, ...], count: int = 1) -> None:
+        """Leave nothing beyond limits, which are broadcast to a shape, and hold for `count` results each."""
         if limits.ndim or limits < np.inf:
-            self.drop(self.distance > np.broadcast_to(limits, shape).reshape(-1))
+            far = np.broadcast_to(limits, shape).reshape(-1, 1)
+            self.drop((self.distance.reshape(-1, count) > far).reshape(-1))
 
     def as_closest(self, shape: tuple[int, ...], surface: Surface) -> ClosestPoints:
         """Return the results in a shape, given the surface that they are on."""

@@ -97,14 +97,11 @@ class HostPoints(NamedTuple):
         self._run(query, [hits])
         return hits
 
-    def find_in_boxes(self, half_sides: NDArray[np.float32], slots: int, hits: NDArray[np.void]) -> None:
-        """Write the primitives that may meet boxes around all points of the query, (n, slots)."""
-        begin = self.piece.begin
-        for piece in self.piece.split(self.find_room(slots)):
-            found = np.empty((piece.item_count, slots), hits.dtype)
-            arrays = [self._hold()[1].records, half_sides[begin:], found]
-            self._replace(piece=piece)._run(_PRIMS_IN_BOXES, arrays, slots)
-            hits[begin + piece.item_ids()] = found
+    def find_in_boxes(self, half_sides: NDArray[np.float32], slots: int) -> NDArray[np.void]:
+        """Return (n, slots): what may meet the boxes around the piece's points, given half the sides of all boxes."""
+        found = np.empty((self.piece.item_count, slots), self.caster.world.hit_dtype)
+        self._run(_PRIMS_IN_BOXES, [self._hold()[1].records, half_sides[self.piece.begin :], found], slots)
+        return found
 
     def find_room(self, slots: int) -> int:
         """Return for how many points there is room, if each has some slots."""
@@ -207,16 +204,14 @@ class DevicePoints(NamedTuple):
             self.call.threads.for_ranges(len(order), choose)
         return np.concatenate(crowded)
 
-    def find_in_boxes(self, half_sides: NDArray[np.float32], slots: int, hits: NDArray[np.void]) -> None:
+    def find_in_boxes(self, half_sides: NDArray[np.float32], slots: int) -> NDArray[np.void]:
         """See `HostPoints`."""
-        begin = self.piece.begin
-        for piece in self.piece.split(self.find_room(slots)):
-            order = piece.item_ids()
-            with self.call.cast(
-                _PRIMS_IN_BOXES, self._put(order), results_per_item=slots, metrics=self._put_metrics(),
-                half_sides=self.call.put("half_sides", half_sides[begin + order]), slots=np.int32(slots),
-            ) as found:  # fmt: skip
-                hits[begin + order] = found.reshape(-1, slots)
+        order = self.piece.item_ids()
+        with self.call.cast(
+            _PRIMS_IN_BOXES, self._put(order), results_per_item=slots, metrics=self._put_metrics(),
+            half_sides=self.call.put("half_sides", half_sides[self.piece.begin + order]), slots=np.int32(slots),
+        ) as found:  # fmt: skip
+            return found.reshape(-1, slots).copy()
 
     def find_room(self, slots: int) -> int:
         """See `HostPoints`."""

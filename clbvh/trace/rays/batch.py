@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...device.host.library import find_addresses
 from ...errors import ConfigError, QueryError
 from ...geometry.arrays import on_host, read_numbers
+from ...scene.handles import shorten
 from ...structs import NO_PRIM, WORLD_PRIM
 from ...support.memory import check_memory
 
@@ -332,7 +333,7 @@ def _read_excluded(exclude: Any, shape: tuple[int, ...], *, is_lone: bool) -> ND
         raise QueryError("exclude must be hits or closest points in a scene: the number of a face is of many instances")
     prims = read_numbers(getattr(exclude, "prim_id", exclude), "exclude", QueryError)
     if prims.dtype.kind not in "iu" or (prims.size and not NO_PRIM <= prims.min() <= prims.max() < 2**31):
-        raise QueryError(f"exclude must be hits, closest points or numbers of faces from -1, not {prims.dtype}")
+        raise QueryError(f"exclude must be hits, closest points or numbers of faces from -1, not {shorten(exclude)}")
     _check_fit(prims, "exclude", shape, "rays")
     excluded = np.zeros(shape, WORLD_PRIM)
     excluded["prim_id"], excluded["instance_id"] = prims, getattr(exclude, "instance_id", 0)

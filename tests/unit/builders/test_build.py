@@ -139,5 +139,7 @@ def test_what_lies_outside_is_refused_by_name_and_value():
         build(mesh, workers=2, pool=SubtreePool)
     with pytest.raises(ConfigError, match=r"options must be a clbvh\.BuildOptions, not a str"):
         build(mesh, "high")
+    with pytest.raises(ConfigError, match=r"there is no setting 'leafsize': did you mean 'leaf_size'\?"):
+        build(mesh, leafsize=4)
     options = BuildOptions(np.int64(2), np.uint8(255), np.float32(2), np.int16(1), np.uint16(8192))
     assert [type(value) for value in dataclasses.astuple(options)] == [int, int, float, int, int, str]
