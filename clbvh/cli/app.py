@@ -15,21 +15,32 @@ from ..errors import ClbvhError, ClbvhWarning, DeviceError
 EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_NO_DEVICE = 3
+HELP_FLAGS = "--help", "-h"
 
-# Each is a function in a module of its name, which is imported when the verb is needed, with its line of the help.
+# Each is a function in a module of its name, which is imported when the verb is needed. Its arguments and its line of
+# the help stand here, so that the list of verbs imports none of them, and options are collected once for a help.
 VERBS = {
-    "render": "Render meshes or a scene.",
-    "view": "Look at meshes or a scene in the browser: orbit, pan, zoom, fly, cut, measure.",
-    "images": "Write what each pixel sees: depth, normals, positions, ids, texture coordinates, motion.",
-    "turntable": "Write an animation in which meshes or a scene turn once around.",
-    "sheet": "Write the standard views of meshes or a scene, at one scale, as one picture.",
-    "stats": "Build a tree and measure it.",
-    "shard": "Cut a mesh into shards, of which clbvh.ShardedTracer has one at a time in memory.",
-    "fetch": "Download known meshes into the cache unless they are on this machine; without a name, list them.",
-    "devices": "List the devices, the host first, with a mark on the default one.",
-    "doctor": "Check the host device, and OpenCL from the loader to kernels; print faults and remedies.",
-    "study": "Repeat the report's experiments on this machine, and write one page with all figures.",
-    "warmup": "Compile the kernels of OpenCL devices ahead, by doing each kind of work once; for images, too.",
+    "render": ("MESH|SCENE... -o FILE", "Render meshes or a scene."),
+    "view": ("MESH|SCENE...", "Look at meshes or a scene in the browser: orbit, pan, zoom, fly, cut, measure."),
+    "images": (
+        "MESH|SCENE... -o FILE",
+        "Write what each pixel sees: depth, normals, positions, ids, texture coordinates, motion.",
+    ),
+    "turntable": ("MESH|SCENE... -o FILE", "Write an animation in which meshes or a scene turn once around."),
+    "sheet": ("MESH|SCENE... -o FILE", "Write the standard views of meshes or a scene, at one scale, as one picture."),
+    "stats": ("MESH|SCENE", "Build a tree and measure it."),
+    "shard": ("MESH -o FOLDER", "Cut a mesh into shards, of which clbvh.ShardedTracer has one at a time in memory."),
+    "fetch": (
+        "[NAME...]",
+        "Download known meshes into the cache unless they are on this machine; without a name, list them.",
+    ),
+    "devices": ("", "List the devices, the host first, with a mark on the default one."),
+    "doctor": ("", "Check the host device, and OpenCL from the loader to kernels; print faults and remedies."),
+    "study": (
+        "[EXPERIMENT...]",
+        "Repeat the report's experiments on this machine, and write one page with all figures.",
+    ),
+    "warmup": ("", "Compile the kernels of OpenCL devices ahead, by doing each kind of work once; for images, too."),
 }
 
 
@@ -39,7 +50,7 @@ def make_app() -> App:
         name="clbvh",
         help="Cast rays at triangle meshes: a parallel BVH build on the host, OpenCL traversal on any device.",
         help_epilogue="With --debug, anywhere, an error shows its traceback.",
-        help_flags=("--help", "-h"),
+        help_flags=HELP_FLAGS,
         help_format="plaintext",  # Markdown would take 0.04 s of every help
         version=_make_version,
         group_commands=Group("Commands", sort_key=0),
@@ -52,8 +63,9 @@ def make_app() -> App:
         print_error=False,
         suppress_keyboard_interrupt=False,
     )
-    for verb, line in VERBS.items():
-        app.command(f"{__package__}.{verb}:{verb}", name=verb, help=line)
+    for verb, (arguments, line) in VERBS.items():
+        usage = " ".join(f"Usage: clbvh {verb} {arguments} [OPTIONS]".split())
+        app.command(f"{__package__}.{verb}:{verb}", name=verb, help=line, usage=usage)
     return app
 
 
@@ -89,7 +101,10 @@ def run(arguments: list[str] | None = None) -> None:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
             warnings.simplefilter("always", ClbvhWarning)
-            make_app()(words)
+            if words[-1:] and words[-1] in HELP_FLAGS and words[:-1] in [[], *([verb] for verb in VERBS)]:
+                make_app().help_print(words[:-1])  # as the call does, which collects all options once more before
+            else:
+                make_app()(words)
         print(end="", flush=True)
         code = 0 if words else EXIT_USAGE
     except BrokenPipeError:

@@ -93,7 +93,11 @@ def test_no_words_are_wrong_usage_and_get_the_help():
     assert answer.stdout == run_clbvh("--help").stdout == run_clbvh("-h").stdout
 
 
-def test_each_verb_has_the_first_line_of_its_help():
-    for verb, line in app.VERBS.items():
+def test_each_verb_has_the_first_line_of_its_help_and_its_arguments():
+    for verb, (arguments, line) in app.VERBS.items():
         verb_function = getattr(importlib.import_module(f"clbvh.cli.{verb}"), verb)
         assert verb_function.__doc__.splitlines()[0] == line
+        words = set(arguments.replace("...", "").strip("[]").split())
+        options = app.make_app()[verb].assemble_argument_collection()
+        wanted = [option.names for option in options if option.required or option.name[0] not in "-*"]
+        assert [names for names in wanted if not words.intersection(names)] == []
