@@ -24,7 +24,7 @@ INSTALLED_LIEF := $(VENV)/.installed-lief
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo gallery test test-processes test-long fuzz mutants conformance conformance-refresh \
-  platforms wheels emulated lint bench docs study results gpu-report clean
+  platforms wheels emulated lint bench docs study results gpu-report gpu-day gpu-day-kit clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-19s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -110,6 +110,13 @@ docs: $(INSTALLED_DOCS) ## run every example, and build the documentation site i
 # Clang and libclc come from the system: apt-get install clang-15 libclc-15.
 gpu-report: $(INSTALLED_PTXAS) ## compile every kernel for GPUs that are not here, and write their registers to out/gpu.md
 	$(BIN)/python .ci/gpu_report.py $(if $(ONLY),--only $(ONLY))
+
+# `make gpu-day DEVICE=pocl SMALL=1` tries it without a GPU; ONLY="rays builds" takes some steps.
+gpu-day: $(INSTALLED_DEV) ## check and measure the first GPU in ten minutes, and write out/gpu-day/gpu-day.md
+	$(BIN)/python .ci/gpu_day.py --folder $(OUT)/gpu-day $(if $(DEVICE),--device $(DEVICE)) $(if $(SMALL),--small) $(ONLY)
+
+gpu-day-kit: $(INSTALLED_DEV) ## pack that with all wheels into dist/clbvh-gpu-day.tar.gz, for a machine without a network
+	$(BIN)/python .ci/gpu_day.py --kit dist
 
 clean: ## remove what make made, but not downloads
 	rm -rf $(VENV) $(OUT) dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -261,17 +261,23 @@ def assemble_for_nvidia(program: Program, ptx: str, gpu: Gpu, ptxas: Path) -> di
         source.write_text(ptx, encoding="utf-8")
         text = _run([str(ptxas), "-v", f"-arch={gpu.name}", "-o", os.devnull, str(source)]).stderr
     figures = {}
-    for kernel in text.split("Compiling entry function '")[1:]:
-        registers, stack, stores, local = (
-            int(match[1]) if (match := re.search(pattern, kernel)) else 0
-            for pattern in (r"Used (\d+) registers", r"(\d+) bytes stack", r"(\d+) bytes spill st", r"(\d+) bytes smem")
-        )
+    for kernel, (registers, stack, stores, local) in read_ptxas(text).items():
         units = -(-registers * gpu.wave_size // _REGISTERS_OF_UNIT)
         by_registers = _NVIDIA_REGISTERS // (units * _REGISTERS_OF_UNIT) // _WARPS_TOGETHER * _WARPS_TOGETHER
         by_memory = _count_waves(program, gpu, local and local + _NVIDIA_RESERVED)
         waves = min(by_registers, by_memory, gpu.max_waves)
-        figures[kernel.partition("'")[0]] = Figures(registers, stack, stores, local, waves, gpu.max_waves)
+        figures[kernel] = Figures(registers, stack, stores, local, waves, gpu.max_waves)
     return figures
+
+
+def read_ptxas(text: str) -> dict[str, tuple[int, ...]]:
+    """Return registers, and bytes of stack, spill stores and local memory of each kernel that ptxas tells of."""
+    patterns = r"Used (\d+) registers", r"(\d+) bytes stack", r"(\d+) bytes spill st", r"(\d+) bytes smem"
+    kernels = (kernel.partition("'") for kernel in text.split("Compiling entry function '")[1:])
+    return {
+        name: tuple(int(match[1]) if (match := re.search(pattern, said)) else 0 for pattern in patterns)
+        for name, _, said in kernels
+    }
 
 
 def _compile(program: Program, target: str, library: str, more: Sequence[str]) -> str:

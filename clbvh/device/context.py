@@ -83,20 +83,21 @@ class OpenclKernel(Kernel):
     Parameters
     ----------
     cl_kernel : pyopencl.Kernel
+        Also an attribute.
     argument_names : iterable of str
         In the order of the declaration.
     """
 
     def __init__(self, cl_kernel: Any, argument_names: Iterable[str]) -> None:
         super().__init__(str(cl_kernel.function_name), argument_names)
-        self._cl_kernel = cl_kernel
+        self.cl_kernel = cl_kernel
         # The driver takes the arguments one by one, before the launch.
         self._one_launch = threading.Lock()
 
     def enqueue(self, queue: Any, work_size: tuple[int, ...], work_group: tuple[int, ...], arguments: Any) -> Any:
         """Start the kernel and return its event."""
         with self._one_launch:
-            return self._cl_kernel(queue, work_size, work_group, *arguments)
+            return self.cl_kernel(queue, work_size, work_group, *arguments)
 
 
 Kernels = dict[str, OpenclKernel]
@@ -126,6 +127,10 @@ class DeviceContext:
                 if key not in self._kernels:
                     self._kernels[key] = compile_them()
         return self._kernels[key]
+
+    def list_kernels(self) -> list[OpenclKernel]:
+        """Return all kernels that were compiled so far."""
+        return [kernel for kernels in self._kernels.values() for kernel in kernels.values()]
 
 
 def open_context(info: DeviceInfo, context: Any = None) -> DeviceContext:

@@ -107,7 +107,7 @@ def run_study(
         on_note(note)
 
     if not only_page:
-        _take_samples(experiments, scale, machine, samples, folder / PICTURES_NAME, on_progress)
+        take_samples(experiments, scale, machine, samples, folder / PICTURES_NAME, on_progress)
     table = samples.write_table()
     page = folder / PAGE_NAME
     content = _make_page(samples, scale, machine, folder / PICTURES_NAME, notes)
@@ -115,9 +115,9 @@ def run_study(
     return Study(page, folder / FILE_NAME, table, tuple(notes))
 
 
-def _take_samples(
+def take_samples(
     experiments: Sequence[Experiment], scale: Scale, machine: Machine, samples: SampleFile, pictures: Path,
-    on_progress: Callable[[str, float], None],
+    on_progress: Callable[[str, float], None] = lambda experiment, share: None,
 ) -> None:  # fmt: skip
     """Sample the groups that are not done, and report the weight of the measurements made."""
     to_do = []
