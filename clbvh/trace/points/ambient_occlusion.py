@@ -38,7 +38,7 @@ _MOST_SEED = 0xFFFF_FFFF
 _MOST_NUMBER = 1 << 62
 
 
-def check_sampling(rays: int, seed: int, first_number: int) -> tuple[int, int, int]:
+def check_sampling(rays: int, seed: int, first_number: int, *, most_rays: int = _MOST_RAYS) -> tuple[int, int, int]:
     """Return the number of rays at each point, the seed, and the number of the first point.
 
     Raises
@@ -47,7 +47,7 @@ def check_sampling(rays: int, seed: int, first_number: int) -> tuple[int, int, i
         One of them is no integer, or out of range.
     """
     numbers = "first_number", first_number, 0, _MOST_NUMBER
-    for name, value, least, most in (("rays", rays, 1, _MOST_RAYS), ("seed", seed, 0, _MOST_SEED), numbers):
+    for name, value, least, most in (("rays", rays, 1, most_rays), ("seed", seed, 0, _MOST_SEED), numbers):
         is_integer = isinstance(value, Integral) and not isinstance(value, bool)
         if not (is_integer and least <= value <= most):
             raise ConfigError(f"{name} must be an integer from {least} to {most}, not {value}")
