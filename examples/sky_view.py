@@ -13,6 +13,7 @@ import imageio.v3 as imageio
 import numpy as np
 
 import clbvh
+import clbvh.radiation
 
 # From closed in to open: dark blue, green, sand, white. Linear between these colours.
 COLOURS = np.array([[20, 24, 60], [30, 100, 110], [150, 160, 110], [235, 215, 170], [255, 255, 255]])
@@ -30,27 +31,11 @@ def map_ground(tracer: clbvh.Tracer, mesh: clbvh.Mesh, width: int) -> clbvh.Hits
     return tracer.closest_hit(origins, [0, -1, 0])
 
 
-def spread_directions(count: int) -> np.ndarray:
-    """Return directions above the horizon, (count, 3), as many in each part as light comes from there to level ground.
-
-    A disc is filled evenly by a sunflower's spiral, and its points are lifted to the hemisphere: that is the cosine of
-    Lambert's law (Malley's method).
-    """
-    radius = np.sqrt((np.arange(count) + 0.5) / count)
-    angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
-    return np.stack([radius * np.cos(angle), np.sqrt(1 - radius**2), radius * np.sin(angle)], axis=-1)
-
-
 def sky_view_factor(tracer: clbvh.Tracer, ground: clbvh.Hits, rays: int) -> np.ndarray:
-    """Return the share of open sky, 0 to 1, of each point on the ground; NaN where there is none."""
-    found = ground[ground.is_hit]
-    # Start points that cannot meet the surface they lie on, on the side from which they were seen: above.
-    origins = found.offset_origins()
-    seen = np.zeros(found.count)
-    for direction in spread_directions(rays):
-        seen += ~tracer.any_hit(origins, direction)
+    """Return the share of the sky's light that each point on the ground gets, 0 to 1; NaN where there is none."""
+    up = (0, 1, 0)
     factor = np.full(ground.t.shape, np.nan)
-    factor[ground.is_hit] = seen / rays
+    factor[ground.is_hit] = clbvh.radiation.sky_view(tracer, ground[ground.is_hit], normals=up, up=up, rays=rays)
     return factor
 
 

@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..device.host.loops import Loops
 from ..errors import ConfigError, QueryError
-from ..geometry import Mesh
 from ..scene.handles import shorten
 from ..support.host_threads import HostThreads
 from ..trace.hits.points_on import place_points
@@ -196,14 +195,8 @@ class _Faces(NamedTuple):
     def of_tracer(cls, tracer: Tracer, sides: str) -> _Faces:
         """Read the faces where they are now."""
         surface = Surface.of_world(tracer._caster.world)
-        if not all(isinstance(shape, Mesh) for shape in surface.shapes):
-            raise QueryError("view factors are those of triangles: the tracer has spheres")
-        owners = surface.arrays.geometry_id
-        counts = np.array([shape.prim_count for shape in surface.shapes] or [0], np.int64)[owners]
-        firsts = np.cumsum(counts) - counts
-        count = int(counts.sum())
-        instances = np.repeat(np.arange(len(counts)), counts)
-        prims = np.arange(count) - np.repeat(firsts, counts)
+        instances, prims = surface.list_faces()
+        count, firsts = len(prims), np.searchsorted(instances, np.arange(len(surface.arrays.geometry_id)))
         hits = place_points(surface, prims[:, None], np.eye(3), instances[:, None])
         corners = hits.locations
         doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

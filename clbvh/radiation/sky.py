@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ConfigError, QueryError
 from ..trace.hits.hits import Hits
+from ..trace.points.ambient_occlusion import check_sampling
 from ..trace.points.refine import ClosestPoints
 from ..trace.rays.batch import read_vectors
 from ..trace.rays.pieces import Progress
@@ -25,7 +26,6 @@ _TREGENZA_ROWS = (30, 30, 24, 24, 18, 12, 6, 1)
 _TREGENZA_HEIGHT = 12.0
 
 _GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
-_SKY_DIRECTIONS = 1024
 
 _ZENITH = 90.0
 
@@ -69,6 +69,7 @@ def sky_view(
     points: Points,
     normals: ArrayLike | None = None,
     *,
+    rays: int = 1024,
     directions: ArrayLike | None = None,
     solid_angles: ArrayLike | None = None,
     up: ArrayLike = (0.0, 0.0, 1.0),
@@ -85,10 +86,12 @@ def sky_view(
         Points on a surface, as of `Tracer.points_on`, are left on the side of their normals without meeting it.
     normals : (..., 3) float, optional
         Of the surface at each point, broadcast. Those of the hits or closest points, or `up`, without them.
+    rays : int, optional
+        From each point, evenly into the hemisphere around `up`.
     directions : (d, 3) float, optional
-        Of the patches of the sky, such as those of `tregenza_patches`; 1,024 of the hemisphere around `up` without it.
+        In place of those, such as the patches of `tregenza_patches`.
     solid_angles : (d,) float, optional
-        Of the patches; equal ones without it.
+        Of these directions; equal ones without it.
     up : (3,) float, optional
     progress : function, optional
         Called with the number of rays that are done, and of all.
@@ -101,6 +104,8 @@ def sky_view(
     ------
     QueryError
         Arrays do not fit each other, or a vector is not finite.
+    ConfigError
+        The rays are out of range.
 
     Notes
     -----
@@ -118,7 +123,7 @@ def sky_view(
     """
     zenith = _unit(read_vectors(up, "up").reshape(-1))
     if directions is None:
-        directions = _spread_around(zenith, _SKY_DIRECTIONS)
+        directions = _spread_around(zenith, check_sampling(rays, 0, 0, most_rays=_RAYS_AT_ONCE)[0])
     patches = _read_directions(directions)
     weights = _read_weights(1.0 if solid_angles is None else solid_angles, len(patches), "solid_angles")
     open_sky = float(weights @ np.maximum(patches @ zenith, 0.0))

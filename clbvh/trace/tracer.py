@@ -1,8 +1,8 @@
 """The public class for ray and point queries: how a source becomes a scene on a device, and how it is closed.
 
-Its queries are in `ray_queries`, `point_queries` and `pair_queries`, its changes in `moves`. A tracer that was pickled
-is opened once in each process where it arrives; what is handed out there are tracers of that one's world, with changes
-of their own.
+Its queries are in `ray_queries`, `sight_queries`, `point_queries` and `pair_queries`, its changes in `moves`. A tracer
+that was pickled is opened once in each process where it arrives; what is handed out there are tracers of that one's
+world, with changes of their own.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from .launch import Caster
 from .moves import Moves
 from .pair_queries import PairQueries
 from .point_queries import PointQueries
-from .ray_queries import RayQueries
+from .sight_queries import SightQueries
 from .world.changes import Changes
 from .world.trees import BRUTE, check_brute, check_fit, check_layout
 from .world.world import open_world
@@ -107,7 +107,7 @@ class Opening(NamedTuple):
         return () if self.built is None else self.built.bvhs
 
 
-class Tracer(RayQueries, PointQueries, PairQueries, Moves):
+class Tracer(SightQueries, PointQueries, PairQueries, Moves):
     """Casts rays at one mesh or scene on one device; a context manager.
 
     Any number of threads may use one tracer, and so may forked children on the host. On a device of OpenCL they cannot:

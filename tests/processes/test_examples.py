@@ -155,3 +155,18 @@ def test_robot_arm_keeps_clear_of_the_knot(run, tmp_path):
     yellow = (picture[..., 0] > 150) & (picture[..., 1] > 110) & (picture[..., 2] < 60)
     assert picture.shape == (54, 96, 3)
     assert yellow.any()
+
+
+def test_sun_hours_of_a_city(run, tmp_path):
+    text = run("sun_hours", "--blocks", "2", "--cell", "8", "--width", "64")
+    suns, least, most = map(float, re.search(r"([\d.]+) suns: ([\d.]+) to ([\d.]+) hours", text).groups())
+    # At the equinox the day has twelve hours, and a wall to the north has none of them.
+    assert (suns, least, most) == (48, 0, 12)
+    assert imageio.imread(tmp_path / "sun-hours.png").shape == (36, 64, 3)
+
+
+def test_viewshed_of_a_sphere_is_the_cap_that_the_mast_sees(run, sphere, tmp_path):
+    text = run("viewshed", sphere, "--mast", "0.5", "--width", "64")
+    # From the height h over a sphere of radius 1 a share of h / (2 (1 + h)); h is half the diameter.
+    assert float(re.search(r"sees ([\d.]+)%", text)[1]) == pytest.approx(25, abs=2)
+    assert imageio.imread(tmp_path / "viewshed.png").shape == (36, 64, 3)

@@ -88,6 +88,20 @@ class Surface:
         halves = np.einsum("nij,nj->ni", np.abs(arrays.linear), arrays.half_size[arrays.geometry_id])
         return float(np.max((middles + halves).max(axis=0) / 2 - (middles - halves).min(axis=0) / 2))
 
+    def list_faces(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return (n,) int64 each: the instance and the number of every face, instance after instance.
+
+        Raises
+        ------
+        QueryError
+            There are spheres.
+        """
+        if not all(isinstance(shape, Mesh) for shape in self.shapes):
+            raise QueryError("only meshes have faces: the tracer has spheres")
+        counts = np.array([shape.prim_count for shape in self.shapes] or [0])[self.arrays.geometry_id]
+        instances = np.repeat(np.arange(len(counts)), counts)
+        return instances, np.arange(len(instances)) - np.repeat(np.cumsum(counts) - counts, counts)
+
     def geometry_ids(self, instance_id: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return (...) int32: the geometry of each instance, -1 for none."""
         geometry_id = self.arrays.geometry_id

@@ -1,0 +1,223 @@
+"""The queries of a tracer that ask who sees whom: points each other, and an eye or a camera primitives."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ConfigError, QueryError
+from ..views.cameras.camera import Camera
+from .hits.hits import Hits
+from .hits.points_on import place_points
+from .hits.surface import Surface
+from .points.refine import ClosestPoints
+from .ray_queries import RayQueries
+from .rays.batch import SIDES, check_room, read_vectors
+from .rays.pieces import Progress
+
+# Rays in memory at a time: 100 MB with all that is known of their ends.
+_RAYS_AT_ONCE = 1 << 20
+
+# Of a cosine times a length, relative to coordinates: a direction is along a surface if it is less.
+_ROUNDING = 2.0**-48
+
+_MOST_SAMPLES = 1 << 16
+
+# Steps of the sequence R2 (Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018).
+_STEP_U, _STEP_V = 0.7548776662466927, 0.5698402909980532
+
+
+class SightQueries(RayQueries):
+    """The queries of a `Tracer` about sight."""
+
+    def line_of_sight(
+        self,
+        a: ArrayLike | Hits | ClosestPoints,
+        b: ArrayLike | Hits | ClosestPoints,
+        *,
+        side: str | None = None,
+        mask: ArrayLike | None = None,
+        progress: Progress | None = None,
+    ) -> NDArray[np.bool_]:
+        """Return (...,) bool: whether nothing is between two points.
+
+        Parameters
+        ----------
+        a, b : (..., 3) float, Hits or ClosestPoints
+            Broadcast: ``line_of_sight(points[:, None], points)`` asks about all pairs. The surfaces on which hits and
+            closest points are do not hide them, nor do others there: see `Hits.offset_origins`.
+        side : str, optional
+            ``"front"``: hits and closest points see only what is in front of their surfaces, as those of closed meshes
+            do. ``"back"``: behind them. Both sides without it. Along its surface, a point sees on every side.
+        mask : (...,) int, optional
+            See `closest_hit`.
+        progress : function, optional
+            Called with the number of pairs that are done, and of all.
+
+        Raises
+        ------
+        QueryError
+            Points are not finite, or shapes do not broadcast.
+        ConfigError
+            There is no such side.
+
+        Notes
+        -----
+        A point sees itself. The memory besides the result does not grow with the number of pairs.
+
+        Examples
+        --------
+        Which faces of a knot see each other, and which an antenna above it:
+
+        >>> import clbvh
+        >>> knot = clbvh.make_shape("knot", triangles=600)
+        >>> with clbvh.Tracer(knot) as tracer:
+        ...     faces = tracer.points_on(range(knot.face_count))
+        ...     sees = tracer.line_of_sight(faces[:, None], faces, side="front")
+        ...     covered = tracer.line_of_sight(faces, [0, 0, 5], side="front")
+        >>> sees.shape, round(sees.mean().item(), 2), round(covered.mean().item(), 2)
+        ((600, 600), 0.11, 0.39)
+        """
+        if side not in SIDES:
+            raise ConfigError(f"side must be 'front', 'back' or None, not {side!r}")
+        ends = _End.read(a, "a"), _End.read(b, "b")
+        try:
+            shape = np.broadcast_shapes(ends[0].shape, ends[1].shape, () if mask is None else np.shape(mask))
+        except ValueError:
+            raise QueryError(f"points of shapes {ends[0].shape} and {ends[1].shape} do not broadcast") from None
+        count = math.prod(shape)
+        check_room(count, 1, "pairs")
+        seen = np.empty(count, np.bool_)
+        numbers: list[Any] = [np.broadcast_to(np.arange(end.count).reshape(end.shape), shape) for end in ends]
+        masks = None if mask is None else np.broadcast_to(np.asarray(mask), shape)
+        for begin in range(0, count, _RAYS_AT_ONCE):
+            part = slice(begin, min(count, begin + _RAYS_AT_ONCE))
+            here, there = (number.flat[part] for number in numbers)
+            ways = ends[1].positions[there] - ends[0].positions[here]
+            is_same = (ways == 0).all(axis=1)
+            starts, is_free = ends[0].leave(here, ways, side)
+            stops, is_free_there = ends[1].leave(there, -ways, side)
+            ways = np.where(is_same[:, None], 1.0, stops - starts)
+            blocked = self.any_hit(starts, ways, t_max=1.0, mask=None if masks is None else masks.flat[part])
+            seen[part] = is_same | (~blocked & is_free & is_free_there)
+            if progress is not None:
+                progress(part.stop, count)
+        return seen.reshape(shape)
+
+    def visible_prims(
+        self, eye: ArrayLike | Camera, samples: int = 16, *, width: int | None = None, height: int | None = None,
+        side: str | None = None,
+    ) -> Hits:  # fmt: skip
+        """Return the faces that an eye or a camera sees, as hits: the first visible one of the samples of each face.
+
+        `Hits.prim_id`, and in scenes `Hits.instance_id`, name the faces, instance after instance, in their order. Also
+        faces smaller than a pixel are found.
+
+        Parameters
+        ----------
+        eye : (3,) float or Camera
+        samples : int, optional
+            Points of a face, spread evenly, the centroid first: a face of which none is visible is missing.
+        width, height : int, optional
+            The picture of a camera, see `Camera.rays`.
+        side : str, optional
+            ``"front"`` or ``"back"`` of faces alone.
+
+        Raises
+        ------
+        QueryError
+            The eye is no point, or the tracer has spheres.
+        ConfigError
+            The samples are out of range, or there is no such side.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.Tracer(clbvh.make_shape("cube", triangles=12)) as tracer:
+        ...     len(tracer.visible_prims([9, 8, 7], side="front").prim_id)
+        6
+        """
+        if isinstance(samples, bool) or not (isinstance(samples, int) and 1 <= samples <= _MOST_SAMPLES):
+            raise ConfigError(f"samples must be an integer from 1 to {_MOST_SAMPLES}, not {samples}")
+        place = None if isinstance(eye, Camera) else read_vectors(eye, "eye")
+        if place is not None and place.shape != (3,):
+            raise QueryError(f"eye must be a point (3,) or a camera, not {place.shape}")
+        surface = Surface.of_world(self._caster.world)
+        instances, prims = surface.list_faces()
+        found_u, found_v = np.full(len(prims), np.nan), np.full(len(prims), np.nan)
+        left = np.arange(len(prims))
+        for sample in range(samples):
+            u, v = _spread(sample)
+            points = place_points(surface, prims[left], (u, v), instances[left])
+            if isinstance(eye, Camera):
+                is_visible = self._is_in_picture(points, eye, width, height, side)
+            else:
+                is_visible = self.line_of_sight(points, eye, side=side)
+            found_u[left[is_visible]], found_v[left[is_visible]] = u, v
+            left = left[~is_visible]
+        is_found = np.isfinite(found_u)
+        weights = np.column_stack((found_u, found_v))[is_found]
+        return place_points(surface, prims[is_found], weights, instances[is_found])
+
+    def _is_in_picture(
+        self, points: Hits, camera: Camera, width: int | None, height: int | None, side: str | None
+    ) -> NDArray[np.bool_]:
+        """Return which points a camera sees."""
+        columns, rows = camera.size_for(width, height)
+        pixels, depth = camera.project(points.locations, columns, rows)
+        is_inside = (depth > 0) & (pixels >= 0).all(axis=-1) & (pixels <= (columns, rows)).all(axis=-1)
+        inside = np.flatnonzero(is_inside)
+        starts, _ = camera.rays_at(pixels[inside], columns, rows)
+        is_inside[inside] = self.line_of_sight(points.take(inside), starts, side=side)
+        return is_inside
+
+
+class _End:
+    """Points at one end of lines of sight."""
+
+    def __init__(self, positions: NDArray[Any], normals: NDArray[np.float64] | None, points: Any) -> None:
+        self.shape = positions.shape[:-1]
+        self.count = math.prod(self.shape)
+        self.positions = np.asarray(positions, np.float64).reshape(-1, 3)
+        self._normals = normals
+        if normals is not None:
+            self._normals = normals.reshape(-1, 3)
+            self._front, self._back = (
+                points.offset_origins(towards=sign * normals).reshape(-1, 3) for sign in (1.0, -1.0)
+            )
+
+    @classmethod
+    def read(cls, points: Any, name: str) -> _End:
+        """Read points of space, or of a surface."""
+        if not hasattr(points, "offset_origins"):
+            positions = read_vectors(points, name)
+            if not np.isfinite(positions).all():
+                raise QueryError(f"{name} must be finite")
+            return cls(positions, None, points)
+        hits = points if isinstance(points, Hits) else points.as_hits()
+        return cls(hits.locations, np.asarray(hits.normals), hits)
+
+    def leave(
+        self, numbers: NDArray[np.int64], ways: NDArray[np.float64], side: str | None
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_] | bool]:
+        """Return where lines begin that lead along `ways`, and whether the side lets them."""
+        positions = self.positions[numbers]
+        if self._normals is None:
+            return positions, True
+        heights = np.einsum("ij,ij->i", self._normals[numbers], ways)
+        # Two points of one plane see each other over it, on the same side.
+        room = _ROUNDING * (np.abs(positions).max(axis=1) + np.abs(ways).max(axis=1))
+        is_front = heights >= -room
+        starts = np.where(is_front[:, None], self._front[numbers], self._back[numbers])
+        return starts, True if side is None else (is_front if side == "front" else heights <= room)
+
+
+def _spread(sample: int) -> tuple[float, float]:
+    """Return u and v of a sample of a triangle; of the first one, the centroid."""
+    if sample == 0:
+        return 1 / 3, 1 / 3
+    u, v = sample * _STEP_U % 1.0, sample * _STEP_V % 1.0
+    return (u, v) if u + v <= 1 else (1.0 - u, 1.0 - v)
