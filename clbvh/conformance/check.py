@@ -66,6 +66,7 @@ def answer_rays(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> Iterat
             "count_hits": {"count": tracer.count_hits(**rays)},
             "all_hits": _describe_all_hits(tracer.all_hits(**rays)),
             "closest_point": dict(tracer.closest_point(case.points)._asdict()),
+            "winding_number": {"winding": tracer.winding_number(case.points)},
         }
         if case.is_closed:
             answers["contains"] = {"is_inside": tracer.contains(case.points)}

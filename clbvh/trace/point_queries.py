@@ -6,7 +6,7 @@ How points are looked up is in `points/`.
 from __future__ import annotations
 
 import warnings
-from numbers import Integral
+from numbers import Integral, Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,7 @@ from .points.queries import (
     find_within,
 )
 from .points.refine import AllClosestPoints, ClosestPoints
+from .points.winding import DEFAULT_ERROR, WindingTrees, find_windings, find_wound, find_wound_distances
 from .rays.batch import broadcast_shape, read_vectors
 from .rays.pieces import Progress
 
@@ -34,6 +35,8 @@ class PointQueries(HasCaster):
 
     # Whether somebody was told that a mesh has no inside.
     _has_warned = False
+    # Of winding numbers; of a twin, its own.
+    _winding_trees: WindingTrees
 
     def closest_point(
         self,
@@ -274,6 +277,7 @@ class PointQueries(HasCaster):
         self,
         points: ArrayLike,
         *,
+        rule: str = "parity",
         mask: ArrayLike | None = None,
         geometry: Geometry | str | None = None,
         instance: Instances | None = None,
@@ -286,6 +290,10 @@ class PointQueries(HasCaster):
         of them, and inside a scene if it is in one of the instances that it sees. On the surface, as far as float32 can
         tell, the answer is either. Parameters and errors are those of `closest_point`.
 
+        With ``rule="winding"`` it is inside where the `winding_number` of the mesh, or of one of the instances, is
+        above a half or below minus a half. That closes holes, and a point inside two overlapping parts is inside.
+        Triangles have to be oriented alike.
+
         Faces with the same three corners, as in exports with both sides, count so that the surface is closed: once
         where all faces that hang together are there twice, or where some are there once too often; as often as they are
         there where they are the common wall of two solids.
@@ -293,8 +301,9 @@ class PointQueries(HasCaster):
         Warns
         -----
         OpenMeshWarning
-            Once for each tracer, if a mesh that is asked for is not closed (`Mesh.is_watertight`), not even when faces
-            that coincide count once, or has faces that nearly coincide: the answer may not be the one that is meant.
+            Of the rule ``"parity"``, once for each tracer, if a mesh that is asked for is not closed
+            (`Mesh.is_watertight`), not even when faces that coincide count once, or has faces that nearly coincide: the
+            answer may not be the one that is meant.
 
         Examples
         --------
@@ -304,13 +313,69 @@ class PointQueries(HasCaster):
         array([ True, False])
         """
         caster, seen = self._caster, self._see(points, mask, geometry, instance)
+        if _is_by_winding(rule):
+            return find_wound(caster, self._winding_trees, seen, progress)
         self._warn_if_open("contains", caster, seen)
         return find_contained(caster, seen, progress)
+
+    def winding_number(
+        self,
+        points: ArrayLike,
+        *,
+        max_error: float = DEFAULT_ERROR,
+        mask: ArrayLike | None = None,
+        geometry: Geometry | str | None = None,
+        instance: Instances | None = None,
+        progress: Progress | None = None,
+    ) -> NDArray[np.float64]:
+        """Return (...,) float64: the generalized winding number of each point, which needs no closed mesh.
+
+        1 inside a closed mesh whose triangles run anticlockwise as seen from outside, -1 inside an inverted one, 0
+        outside, and the sum where parts overlap. Over a hole it changes smoothly. In a scene it is the sum of all that
+        the point sees. Other parameters and errors are those of `closest_point`.
+
+        Parameters
+        ----------
+        max_error : float, optional
+            The largest error, as measured on meshes of many kinds; the mean one is a fifth of it. 0: the exact sum over
+            all triangles, in float32.
+
+        Raises
+        ------
+        ConfigError
+            `max_error` is no number from 0.
+        QueryError
+            There are spheres.
+
+        Notes
+        -----
+        Far groups of triangles are expanded up to the second order (Barill, Dickson, Schmidt, Levin and Jacobson, "Fast
+        winding numbers for soups and clouds", 2018), near triangles are summed (Jacobson, Kavan and Sorkine-Hornung,
+        2013). A tree of moments is fitted at the first use and after each move, in about 1.5 s for a million triangles
+        on one core; 160 bytes for each triangle. On a triangle the answer is that of one of its sides, or their mean.
+
+        Examples
+        --------
+        A box without its lid:
+
+        >>> import clbvh
+        >>> import trimesh
+        >>> box = trimesh.creation.box()
+        >>> box.update_faces(box.face_normals[:, 2] < 0.5)
+        >>> with clbvh.Tracer(box) as tracer:
+        ...     tracer.winding_number([[0, 0, 0], [0, 0, 0.5], [0, 0, 2], [2, 0, 0]]).round(2)
+        array([ 0.83,  0.5 ,  0.03, -0.01])
+        """
+        if isinstance(max_error, bool) or not (isinstance(max_error, Real) and max_error >= 0):
+            raise ConfigError(f"max_error must be a number from 0, not {max_error!r}")
+        seen = self._see(points, mask, geometry, instance)
+        return find_windings(self._caster, self._winding_trees, seen, float(max_error), progress)
 
     def signed_distance(
         self,
         points: ArrayLike,
         *,
+        rule: str = "parity",
         mask: ArrayLike | None = None,
         geometry: Geometry | str | None = None,
         instance: Instances | None = None,
@@ -318,8 +383,8 @@ class PointQueries(HasCaster):
     ) -> NDArray[np.float64]:
         """Return (...,) float64: the distance to the surface of a closed mesh, positive inside, negative outside.
 
-        The distance is that of `closest_point`, the sign that of `contains`, as is the warning. Parameters and errors
-        are those of `closest_point`.
+        The distance is that of `closest_point`, the sign that of `contains` by the same `rule`, as is the warning.
+        Other parameters and errors are those of `closest_point`.
 
         Inside a scene it is the distance to the surface of one instance: of those that contain the point, the one whose
         surface is the farthest. So it is exact where instances do not overlap. Where they do, the surface of their
@@ -334,6 +399,8 @@ class PointQueries(HasCaster):
         array([ 0.25, -1.5 ])
         """
         caster, seen = self._caster, self._see(points, mask, geometry, instance)
+        if _is_by_winding(rule):
+            return find_wound_distances(caster, self._winding_trees, seen, progress)
         self._warn_if_open("signed_distance", caster, seen)
         return find_signed(caster, seen, progress)
 
@@ -456,5 +523,13 @@ class PointQueries(HasCaster):
             else:
                 continue
             self._has_warned = True
-            warnings.warn(f"{shape.name} {reason.format(query)}", OpenMeshWarning, stacklevel=3)
+            remedy = "rule='winding' tells inside from outside by all faces around a point"
+            warnings.warn(f"{shape.name} {reason.format(query)}; {remedy}", OpenMeshWarning, stacklevel=3)
             return
+
+
+def _is_by_winding(rule: str) -> bool:
+    """Return whether winding numbers tell inside from outside, and not parity."""
+    if rule not in ("parity", "winding"):
+        raise ConfigError(f"rule must be 'parity' or 'winding', not {rule!r}")
+    return rule == "winding"

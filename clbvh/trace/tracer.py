@@ -32,6 +32,7 @@ from .launch import Caster
 from .moves import Moves
 from .pair_queries import PairQueries
 from .point_queries import PointQueries
+from .points.winding import WindingTrees
 from .sight_queries import SightQueries
 from .world.changes import Changes
 from .world.trees import BRUTE, check_brute, check_fit, check_layout
@@ -197,7 +198,7 @@ class Tracer(SightQueries, PointQueries, PairQueries, Moves):
         self._caster, self._opening = caster, opening
         self._changes = Changes(opening.scene, opening.state, opening.tree or opening.building)
         self._updating = make_lock()
-        self._host_trees = HostTrees()
+        self._host_trees, self._winding_trees = HostTrees(), WindingTrees()
 
     @property
     def device(self) -> DeviceInfo:

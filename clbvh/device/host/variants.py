@@ -32,6 +32,9 @@ _OWN_LAYOUT = LAYOUTS["bvh8"].number
 
 # A work-group is one thread, so that no kernel waits for others at a barrier.
 SORT_DIGIT_BITS = 10
+
+# Points that walk a tree together: a vector of AVX2.
+WINDING_LANES = 8
 _UNGROUPED = {"GROUPED": 0, "GROUP_SIZE": 1}
 
 _OF_WORLDS = (
@@ -131,3 +134,4 @@ def _list_all() -> Iterator[Variant]:
         yield Variant.of("take_mesh", {"IS_DOUBLE": value})
     for name in _OF_NO_WORLD:
         yield Variant.of(name, {})
+    yield Variant.of("winding", {"LANES": WINDING_LANES})

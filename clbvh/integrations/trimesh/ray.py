@@ -166,13 +166,15 @@ class RayEngine:
         """
         return self._cast("any_hit", read_rays(ray_origins, ray_directions))
 
-    def contains_points(self, points: ArrayLike) -> NDArray[np.bool_]:
+    def contains_points(self, points: ArrayLike, rule: str = "parity") -> NDArray[np.bool_]:
         """Return (n,) bool: whether the mesh, or any mesh of the scene, contains points; on a surface it is either.
 
         Parameters
         ----------
         points : (n, 3) float
             Of a scene in its base frame.
+        rule : str, optional
+            ``"winding"``: by winding numbers, which need no closed meshes; see `Tracer.contains`.
 
         Notes
         -----
@@ -192,6 +194,8 @@ class RayEngine:
         array([ True,  True, False])
         """
         points = read_points(points)
+        if rule != "parity":
+            return np.asarray(self._tracer.ask(self._thing, lambda tracer, _: tracer.contains(points, rule=rule)))
         contains = np.zeros(len(points), np.bool_)
         if self._is_scene:
             is_candidate = np.isfinite(points)
