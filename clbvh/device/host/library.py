@@ -236,12 +236,16 @@ class HostLibrary:
         if variant not in self._kernels:
             arguments = find_arguments(expand_for_host(f"kernels/{name}.cl"))
             self._kernels[variant] = {
-                kernel: HostKernel(
-                    kernel, arguments[kernel], _find_entry(self._library, f"{self.level}_{variant.entry(kernel)}")
-                )
+                kernel: HostKernel(kernel, arguments[kernel], self._find_kernel(variant.entry(kernel)))
                 for kernel in arguments
             }
         return self._kernels[variant]
+
+    def _find_kernel(self, entry: str) -> _Entry:
+        """Return the entry of a kernel at the level that runs, or at the next lower one that has it."""
+        levels = self.levels[: self.levels.index(self.level) + 1]
+        names = [f"{level}_{entry}" for level in reversed(levels)]
+        return _find_entry(self._library, next((name for name in names if hasattr(self._library, name)), names[0]))
 
     def loop(self, name: str, loop: str) -> Any:
         """Return the function of a loop, see host/loops.py; `name` is that of its file below ``cl/host``."""
