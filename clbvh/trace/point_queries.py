@@ -25,7 +25,15 @@ from .points.queries import (
     find_within,
 )
 from .points.refine import AllClosestPoints, ClosestPoints
-from .points.winding import DEFAULT_ERROR, WindingTrees, find_windings, find_wound, find_wound_distances
+from .points.winding import (
+    DEFAULT_ERROR,
+    WINDING,
+    WindingTrees,
+    check_rule,
+    find_windings,
+    find_wound,
+    find_wound_distances,
+)
 from .rays.batch import broadcast_shape, read_vectors
 from .rays.pieces import Progress
 
@@ -313,7 +321,7 @@ class PointQueries(HasCaster):
         array([ True, False])
         """
         caster, seen = self._caster, self._see(points, mask, geometry, instance)
-        if _is_by_winding(rule):
+        if check_rule(rule) == WINDING:
             return find_wound(caster, self._winding_trees, seen, progress)
         self._warn_if_open("contains", caster, seen)
         return find_contained(caster, seen, progress)
@@ -399,7 +407,7 @@ class PointQueries(HasCaster):
         array([ 0.25, -1.5 ])
         """
         caster, seen = self._caster, self._see(points, mask, geometry, instance)
-        if _is_by_winding(rule):
+        if check_rule(rule) == WINDING:
             return find_wound_distances(caster, self._winding_trees, seen, progress)
         self._warn_if_open("signed_distance", caster, seen)
         return find_signed(caster, seen, progress)
@@ -526,10 +534,3 @@ class PointQueries(HasCaster):
             remedy = "rule='winding' tells inside from outside by all faces around a point"
             warnings.warn(f"{shape.name} {reason.format(query)}; {remedy}", OpenMeshWarning, stacklevel=3)
             return
-
-
-def _is_by_winding(rule: str) -> bool:
-    """Return whether winding numbers tell inside from outside, and not parity."""
-    if rule not in ("parity", "winding"):
-        raise ConfigError(f"rule must be 'parity' or 'winding', not {rule!r}")
-    return rule == "winding"

@@ -283,3 +283,19 @@ def test_meshes_of_other_forms(box, tmp_path):
         np.testing.assert_allclose(locations, [[0.1, 0.2, 0.5], [0.1, 0.2, -0.5]], atol=1e-7)
         assert len(set(index_tri)) == 2
         assert ProximityQuery(thing).signed_distance([[0, 0, 0.4], [0, 0, 2]]) == pytest.approx([0.1, -1.5])
+
+
+def test_an_engine_by_winding_numbers_needs_no_closed_mesh(session):
+    ball = trimesh.creation.icosphere(3)
+    points = np.random.default_rng(0).uniform(-1.2, 1.2, (3000, 3))
+    inside = np.linalg.norm(points, axis=1) < 0.98
+    sure = inside | (np.linalg.norm(points, axis=1) > 1.02)
+    ball.update_faces(np.random.default_rng(1).random(len(ball.faces)) > 0.04)
+    engine = RayMeshIntersector(ball, device=session.info, rule="winding")
+    assert (engine.contains_points(points)[sure] == inside[sure]).mean() > 0.998
+    scene = SceneRay(
+        trimesh.Scene([ball, ball.copy().apply_translation([3, 0, 0])]), device=session.info, rule="winding"
+    )
+    assert scene.contains_points([[0, 0, 0], [3, 0, 0], [1.5, 0, 0]]).tolist() == [True, True, False]
+    with pytest.raises(clbvh.ConfigError, match="rule"):
+        RayMeshIntersector(ball, rule="odd")

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...device.info import DeviceInfo
 from ...errors import MeshError, QueryError, SceneError
 from ...trace.hits.hits import AllHits
+from ...trace.points.winding import check_rule
 from .tracers import find_tracer, read_mesh, read_options
 
 # Directions along which crossings are counted, in this order of preference. Any will do: a direction that no mesh is
@@ -38,8 +39,9 @@ class RayEngine:
         The device and the layout that were asked for.
     """
 
-    def __init__(self, thing: Any, device: DeviceInfo | str | int | None, layout: str) -> None:
-        self._thing, self.options = thing, read_options(device, layout)
+    def __init__(self, thing: Any, device: DeviceInfo | str | int | None, layout: str, rule: str) -> None:
+        check_rule(rule)
+        self._thing, self.options, self._rule = thing, read_options(device, layout), rule
         self._is_scene = isinstance(thing, trimesh.Scene)
         self._tracer = find_tracer(thing, self.options, keep=False)
 
@@ -166,15 +168,13 @@ class RayEngine:
         """
         return self._cast("any_hit", read_rays(ray_origins, ray_directions))
 
-    def contains_points(self, points: ArrayLike, rule: str = "parity") -> NDArray[np.bool_]:
+    def contains_points(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Return (n,) bool: whether the mesh, or any mesh of the scene, contains points; on a surface it is either.
 
         Parameters
         ----------
         points : (n, 3) float
             Of a scene in its base frame.
-        rule : str, optional
-            ``"winding"``: by winding numbers, which need no closed meshes; see `Tracer.contains`.
 
         Notes
         -----
@@ -194,8 +194,8 @@ class RayEngine:
         array([ True,  True, False])
         """
         points = read_points(points)
-        if rule != "parity":
-            return np.asarray(self._tracer.ask(self._thing, lambda tracer, _: tracer.contains(points, rule=rule)))
+        if self._rule != "parity":
+            return np.asarray(self._tracer.ask(self._thing, lambda tracer, _: tracer.contains(points, rule=self._rule)))
         contains = np.zeros(len(points), np.bool_)
         if self._is_scene:
             is_candidate = np.isfinite(points)
@@ -273,6 +273,8 @@ class RayMeshIntersector(RayEngine):
         See `clbvh.Tracer`.
     layout : str
         See `clbvh.Tracer`.
+    rule : str
+        By which points are inside: ``"winding"`` needs no closed mesh, see `clbvh.Tracer.contains`.
 
     Notes
     -----
@@ -307,8 +309,9 @@ class RayMeshIntersector(RayEngine):
         *,
         device: DeviceInfo | str | int | None = None,
         layout: str = "auto",
+        rule: str = "parity",
     ) -> None:
-        super().__init__(read_mesh(geometry), device, layout)
+        super().__init__(read_mesh(geometry), device, layout, rule)
 
     @property
     def mesh(self) -> Any:
@@ -389,12 +392,19 @@ class SceneRay(RayEngine):
     array([-1,  1], dtype=int32)
     """
 
-    def __init__(self, scene: Any, *, device: DeviceInfo | str | int | None = None, layout: str = "auto") -> None:
+    def __init__(
+        self,
+        scene: Any,
+        *,
+        device: DeviceInfo | str | int | None = None,
+        layout: str = "auto",
+        rule: str = "parity",
+    ) -> None:
         if not isinstance(scene, trimesh.Scene):
             raise SceneError(
                 f"expected a trimesh.Scene, not {type(scene).__name__}: for one mesh, use RayMeshIntersector"
             )
-        super().__init__(scene, device, layout)
+        super().__init__(scene, device, layout, rule)
 
     @property
     def scene(self) -> Any:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...device.host.loops import Loops
 from ...device.host.variants import WINDING_LANES
-from ...errors import QueryError
+from ...errors import ConfigError, QueryError
 from ...geometry import Mesh
 from ...support.forks import make_lock
 from ..hits.points_on import place_points
@@ -45,6 +45,17 @@ _ERROR_OF_ONE_RADIUS = 0.15
 
 # Twice as far is four times the time for all but few points.
 DEFAULT_ERROR = 0.01
+
+
+# By which points are inside: by the hits of one ray, or by what goes around them.
+PARITY, WINDING = "parity", "winding"
+
+
+def check_rule(rule: str) -> str:
+    """Return the rule, or raise `ConfigError` for what is none."""
+    if rule not in (PARITY, WINDING):
+        raise ConfigError(f"rule must be '{PARITY}' or '{WINDING}', not {rule!r}")
+    return rule
 
 
 class WindingTree(NamedTuple):
