@@ -232,7 +232,11 @@ def _link(
     # In a folder of its own, under its own name: some libraries have it inside, and some linkers write more files.
     with TemporaryDirectory(dir=path.parent) as folder:
         linked, listing = Path(folder) / path.name, Path(folder) / "objects.rsp"
-        listing.write_text("\n".join(f'"{each.as_posix()}"' for each in made))
+        # The linker for macOS takes objects in the order of their paths.
+        ordered = [Path(folder) / f"{number:05}.o" for number in range(len(made))]
+        for link, each in zip(ordered, made, strict=True):
+            link.symlink_to(each.resolve())
+        listing.write_text("\n".join(f'"{each.as_posix()}"' for each in ordered))
         _run([*compiler.link, "-o", str(linked), f"@{listing}"])
         linked.replace(path)
     _forget_old(objects)
