@@ -29,8 +29,8 @@ MOST_BYTES = 12_000_000
 
 # What a library may call: memory, the heap, and the sum of a product where the processor has no instruction for it.
 _FUNCTIONS = {"malloc", "free", "memcpy", "memmove", "memset", "fma", "fmaf"}
-# And what macOS's loader binds.
-_OF_MACOS = {"dyld_stub_binder"}
+# And what macOS's loader binds, and clang makes of fills there.
+_OF_MACOS = {"dyld_stub_binder", "bzero", "__bzero", "memset_pattern16"}
 _LIBRARIES = {
     "linux": {"libc.so.6", "libm.so.6"},
     "darwin": {"/usr/lib/libSystem.B.dylib"},

@@ -33,9 +33,9 @@ _OWN_LAYOUT = LAYOUTS["bvh8"].number
 # A work-group is one thread, so that no kernel waits for others at a barrier.
 SORT_DIGIT_BITS = 10
 
-# Levels of processor, and files of kernels that have no code of their own for them where there is a lower level: that
-# of pictures and step counts for AVX-512 would be a sixth of a wheel.
-WITHOUT_LEVEL = {"v4": ("count_steps", "render", "render_samples")}
+# Levels of processor, and files of kernels that have no code of their own for them where there is a lower level: code
+# for AVX-512 of those that are large, or seldom asked for, would be a fifth of a wheel.
+WITHOUT_LEVEL = {"v4": ("closest_points", "count_steps", "depth", "render", "render_samples")}
 
 # Points that walk a tree together: a vector of AVX2.
 WINDING_LANES = 8
