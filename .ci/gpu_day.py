@@ -343,7 +343,11 @@ def find_gpu(spec: str | None) -> Row | None:
     """Return the first GPU, or a device by its number or a part of its name; asked for in a process of its own."""
     code = "import clbvh, json, sys; print(json.dumps(clbvh.choose_device(sys.argv[1]).as_dict()))"
     command = [sys.executable, "-c", code, spec or "gpu"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_START_S)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_START_S)
+    except subprocess.TimeoutExpired:
+        print(f"no driver has answered within {_START_S:.0f} s", file=sys.stderr)
+        return None
     if done.returncode:
         print(done.stderr.strip().splitlines()[-1], file=sys.stderr)
         return None
@@ -389,13 +393,15 @@ def run_day(options: argparse.Namespace) -> int:
     from clbvh.support.version import __version__
 
     begin = time.monotonic()
-    if options.folder.is_dir() and any(options.folder.iterdir()):
-        print(f"{options.folder} is not empty: move it, or name another folder by --folder", file=sys.stderr)
+    if (options.folder / "gpu-day.json").exists():
+        print(f"{options.folder} has another day: move it, or name another folder by --folder", file=sys.stderr)
         return 1
     options.folder.mkdir(parents=True, exist_ok=True)
     # Drivers that no file names, as in containers, are registered for this day alone.
     os.environ.setdefault("CLBVH_DRIVERS", str(options.folder / "drivers"))
-    subprocess.run([sys.executable, "-m", "clbvh", "doctor", "--fix"], stdout=subprocess.DEVNULL, check=False)
+    with suppress(subprocess.TimeoutExpired):
+        command = [sys.executable, "-m", "clbvh", "doctor", "--fix"]
+        subprocess.run(command, stdout=subprocess.DEVNULL, timeout=2 * _START_S, check=False)
     device = find_gpu(options.device)
     if device is None:
         return 1

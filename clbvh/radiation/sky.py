@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ConfigError, QueryError
+from ..scene.handles import shorten
 from ..trace.hits.hits import Hits
 from ..trace.points.ambient_occlusion import check_sampling
 from ..trace.points.refine import ClosestPoints
 from ..trace.rays.batch import read_vectors
 from ..trace.rays.pieces import Progress
+from ..trace.sight_queries import as_hits
 from ..trace.tracer import Tracer
 
-# Rays in memory at a time, with their weights: 40 MB.
+# Rays in memory at a time: about 130 MB with their weights.
 _RAYS_AT_ONCE = 1 << 22
 
 # Rows of Tregenza's patches ("Subdivision of the sky hemisphere for luminance measurements", Lighting Research and
@@ -28,6 +31,9 @@ _TREGENZA_HEIGHT = 12.0
 _GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 
 _ZENITH = 90.0
+# Degrees, and the sine between two directions that are not the same.
+_LEAST_ANGLE, _LEAST_SINE = 1e-6, 1e-9
+_ELEVATIONS_AT_ONCE = 64
 
 Points = ArrayLike | Hits | ClosestPoints
 
@@ -121,7 +127,7 @@ def sky_view(
     ...     clbvh.radiation.sky_view(tracer, [[0, 0, 0]]).round(2)
     array([0.2])
     """
-    zenith = _unit(read_vectors(up, "up").reshape(-1))
+    zenith = _read_axis(up, "up")
     if directions is None:
         directions = _spread_around(zenith, check_sampling(rays, 0, 0, most_rays=_RAYS_AT_ONCE)[0])
     patches = _read_directions(directions)
@@ -242,17 +248,14 @@ def horizon(
     array([45. , 26.6,  0. ])
     """
     for name, value, most in (("step", step, _ZENITH), ("tolerance", tolerance, step)):
-        if not 0 < value <= most:
-            raise ConfigError(f"{name} must be above 0 and at most {most:g} degrees, not {value}")
-    zenith = _unit(read_vectors(up, "up").reshape(-1))
-    ahead = read_vectors(north, "north").reshape(-1)
+        if not (isinstance(value, Real) and _LEAST_ANGLE <= value <= most):
+            raise ConfigError(f"{name} must be from {_LEAST_ANGLE:g} to {most:g} degrees, not {value!r}")
+    zenith, ahead = _read_axis(up, "up"), _read_axis(north, "north")
     ahead = ahead - (ahead @ zenith) * zenith
-    if not np.linalg.norm(ahead) > 0:
+    if not np.linalg.norm(ahead) > _LEAST_SINE:
         raise QueryError("north must not be along up")
-    ahead = _unit(ahead)
-    angles = np.radians(np.asarray(azimuths, np.float64).reshape(-1))
-    if not np.isfinite(angles).all():
-        raise QueryError("azimuths must be finite")
+    ahead = _unit(ahead, "north")
+    angles = np.radians(_read_numbers(azimuths, "azimuths").reshape(-1))
     level = np.cos(angles)[:, None] * ahead + np.sin(angles)[:, None] * np.cross(ahead, zenith)
 
     origins, _, shape = _read_points(points, None, zenith)
@@ -266,11 +269,16 @@ def horizon(
         radians = np.radians(degrees)[..., None]
         return tracer.any_hit(origins[begin:end, None], np.cos(radians) * level + np.sin(radians) * zenith)
 
-    for begin, end in _cut(len(origins), len(level) * len(elevations)):
-        seen = is_blocked(begin, end, np.broadcast_to(elevations[:, None, None], (len(elevations), 1, len(level))))
+    for begin, end in _cut(len(origins), len(level) * _ELEVATIONS_AT_ONCE):
         # The highest that is blocked; the next one is free.
-        is_any, highest = seen.any(axis=0), len(elevations) - 1 - seen[::-1].argmax(axis=0)
-        low = elevations[highest]
+        highest = np.full((end - begin, len(level)), -1)
+        for first in range(0, len(elevations), _ELEVATIONS_AT_ONCE):
+            some = elevations[first : first + _ELEVATIONS_AT_ONCE, None, None]
+            seen = is_blocked(begin, end, np.broadcast_to(some, (len(some), 1, len(level))))
+            last = first + len(some) - 1 - seen[::-1].argmax(axis=0)
+            highest = np.where(seen.any(axis=0), last, highest)
+        is_any = highest >= 0
+        low = elevations[np.maximum(highest, 0)]
         high = elevations[np.minimum(highest + 1, len(elevations) - 1)]
         for _ in range(halvings):
             middle = (low + high) / 2
@@ -315,48 +323,63 @@ def _read_points(
     points: Any, normals: ArrayLike | None, default: NDArray[np.float64] | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, tuple[int, ...]]:
     """Return start points (p, 3), unit normals or None, and the points' shape."""
-    is_on_surface = hasattr(points, "offset_origins")
-    if normals is None and is_on_surface:
-        normals = np.asarray(points.normals)
-    shape = points.shape if is_on_surface else read_vectors(points, "points").shape[:-1]
+    hits = as_hits(points)
+    if hits is not None and normals is None:
+        normals = np.asarray(hits.normals)
+    positions = read_vectors(points, "points") if hits is None else hits.locations
+    shape = positions.shape[:-1]
     facing = default if normals is None else read_vectors(normals, "normals")
     if facing is not None:
         try:
-            facing = _unit(np.broadcast_to(facing, (*shape, 3)).reshape(-1, 3))
+            facing = np.broadcast_to(facing, (*shape, 3))
         except ValueError:
             raise QueryError(f"normals of shape {facing.shape} do not fit points of shape {shape}") from None
-    if is_on_surface:
-        assert facing is not None
-        origins = points.offset_origins(towards=facing.reshape(*shape, 3))
-    else:
-        origins = read_vectors(points, "points")
-    return np.asarray(origins, np.float64).reshape(-1, 3), facing, shape
+        facing = _unit(facing, "normals").reshape(-1, 3)
+        if hits is not None:
+            positions = hits.offset_origins(towards=facing.reshape(*shape, 3))
+    return np.asarray(positions, np.float64).reshape(-1, 3), facing, shape
 
 
 def _read_directions(directions: ArrayLike) -> NDArray[np.float64]:
     vectors = read_vectors(directions, "directions")
     if vectors.ndim != 2:
         raise QueryError(f"directions must be (d, 3), not {vectors.shape}")
-    return _unit(vectors)
+    return _unit(vectors, "directions")
+
+
+def _read_axis(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    vector = read_vectors(values, name)
+    if vector.shape != (3,):
+        raise QueryError(f"{name} must be one direction, (3,), not {vector.shape}")
+    return _unit(vector, name)
+
+
+def _read_numbers(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    try:
+        numbers = np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        raise QueryError(f"{name} must be numbers, not {shorten(values)}") from None
+    if not np.isfinite(numbers).all():
+        raise QueryError(f"{name} must be finite")
+    return numbers
 
 
 def _read_weights(weights: ArrayLike, count: int, name: str) -> NDArray[np.float64]:
+    numbers = _read_numbers(weights, name)
     try:
-        values = np.broadcast_to(np.asarray(weights, np.float64), (count,))
+        return np.ascontiguousarray(np.broadcast_to(numbers, (count,)))
     except ValueError:
         raise QueryError(f"{name} must be a number for each of the {count} directions") from None
-    if not np.isfinite(values).all():
-        raise QueryError(f"{name} must be finite")
-    return np.ascontiguousarray(values)
 
 
-def _unit(vectors: NDArray[Any]) -> NDArray[np.float64]:
+def _unit(vectors: NDArray[Any], name: str) -> NDArray[np.float64]:
     """Return vectors at length 1."""
     given = np.asarray(vectors, np.float64)
-    lengths = np.linalg.norm(given, axis=-1, keepdims=True)
-    if not (np.isfinite(lengths) & (lengths > 0)).all():
-        raise QueryError("directions and normals must be finite, and have a length above 0")
-    return np.asarray(given / lengths)
+    sizes = np.abs(given).max(axis=-1, keepdims=True, initial=0.0)
+    if not (np.isfinite(sizes) & (sizes > 0)).all():
+        raise QueryError(f"{name} must be finite, with a length above 0; misses and faces without area have no normals")
+    given = given / sizes
+    return np.asarray(given / np.linalg.norm(given, axis=-1, keepdims=True))
 
 
 def _spread_around(zenith: NDArray[np.float64], count: int) -> NDArray[np.float64]:

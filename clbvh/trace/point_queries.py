@@ -360,7 +360,7 @@ class PointQueries(HasCaster):
         Far groups of triangles are expanded up to the second order (Barill, Dickson, Schmidt, Levin and Jacobson, "Fast
         winding numbers for soups and clouds", 2018), near triangles are summed (Jacobson, Kavan and Sorkine-Hornung,
         2013). A tree of moments is fitted at the first use and after each move, in about 1.5 s for a million triangles
-        on one core; 160 bytes for each triangle. On a triangle the answer is that of one of its sides, or their mean.
+        on one core; 160 bytes for each triangle of each instance. On the surface itself the answer means nothing.
 
         Examples
         --------
@@ -377,7 +377,8 @@ class PointQueries(HasCaster):
         if isinstance(max_error, bool) or not (isinstance(max_error, Real) and max_error >= 0):
             raise ConfigError(f"max_error must be a number from 0, not {max_error!r}")
         seen = self._see(points, mask, geometry, instance)
-        return find_windings(self._caster, self._winding_trees, seen, float(max_error), progress)
+        error = float(min(max_error, 1.0))
+        return find_windings(self._caster, self._winding_trees, seen, error, progress)
 
     def signed_distance(
         self,

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from numbers import Integral
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ConfigError, QueryError
+from ..geometry import Mesh
 from ..views.cameras.camera import Camera
 from .hits.hits import Hits
 from .hits.points_on import place_points
 from .hits.surface import Surface
 from .points.refine import ClosestPoints
 from .ray_queries import RayQueries
-from .rays.batch import SIDES, check_room, read_vectors
+from .rays.batch import check_room, check_side, read_vectors
 from .rays.pieces import Progress
 
-# Rays in memory at a time: 100 MB with all that is known of their ends.
+# Rays in memory at a time: about 200 MB with all that is known of their ends.
 _RAYS_AT_ONCE = 1 << 20
 
 # Of a cosine times a length, relative to coordinates: a direction is along a surface if it is less.
@@ -81,13 +83,15 @@ class SightQueries(RayQueries):
         >>> sees.shape, round(sees.mean().item(), 2), round(covered.mean().item(), 2)
         ((600, 600), 0.11, 0.39)
         """
-        if side not in SIDES:
-            raise ConfigError(f"side must be 'front', 'back' or None, not {side!r}")
+        check_side(side)
         ends = _End.read(a, "a"), _End.read(b, "b")
         try:
             shape = np.broadcast_shapes(ends[0].shape, ends[1].shape, () if mask is None else np.shape(mask))
-        except ValueError:
-            raise QueryError(f"points of shapes {ends[0].shape} and {ends[1].shape} do not broadcast") from None
+        except (ValueError, RuntimeError):  # numpy's limit of axes
+            shapes = " and ".join(map(str, [ends[0].shape, ends[1].shape, *([] if mask is None else [np.shape(mask)])]))
+            raise QueryError(
+                f"points{'' if mask is None else ' and masks'} of shapes {shapes} do not broadcast"
+            ) from None
         count = math.prod(shape)
         check_room(count, 1, "pairs")
         seen = np.empty(count, np.bool_)
@@ -98,11 +102,15 @@ class SightQueries(RayQueries):
             here, there = (number.flat[part] for number in numbers)
             ways = ends[1].positions[there] - ends[0].positions[here]
             is_same = (ways == 0).all(axis=1)
-            starts, is_free = ends[0].leave(here, ways, side)
-            stops, is_free_there = ends[1].leave(there, -ways, side)
+            leaving, arriving = ends[0].leave(here, ways), ends[1].leave(there, -ways)
+            # Along one plane both ends are on one side of it, also where its faces are turned.
+            is_flat = leaving.is_flat & arriving.is_flat
+            is_alike = np.einsum("ij,ij->i", leaving.normals, arriving.normals) >= 0
+            starts = leaving.lift(leaving.is_front)
+            stops = arriving.lift(np.where(is_flat, is_alike, arriving.is_front))
             ways = np.where(is_same[:, None], 1.0, stops - starts)
             blocked = self.any_hit(starts, ways, t_max=1.0, mask=None if masks is None else masks.flat[part])
-            seen[part] = is_same | (~blocked & is_free & is_free_there)
+            seen[part] = is_same | (~blocked & leaving.sees(side) & arriving.sees(side))
             if progress is not None:
                 progress(part.stop, count)
         return seen.reshape(shape)
@@ -140,16 +148,19 @@ class SightQueries(RayQueries):
         ...     len(tracer.visible_prims([9, 8, 7], side="front").prim_id)
         6
         """
-        if isinstance(samples, bool) or not (isinstance(samples, int) and 1 <= samples <= _MOST_SAMPLES):
+        if isinstance(samples, bool) or not (isinstance(samples, Integral) and 1 <= samples <= _MOST_SAMPLES):
             raise ConfigError(f"samples must be an integer from 1 to {_MOST_SAMPLES}, not {samples}")
         place = None if isinstance(eye, Camera) else read_vectors(eye, "eye")
         if place is not None and place.shape != (3,):
             raise QueryError(f"eye must be a point (3,) or a camera, not {place.shape}")
         surface = Surface.of_world(self._caster.world)
         instances, prims = surface.list_faces()
+        # Faces without area are never seen, nor are those that a mask of 0 removes.
+        normals = np.asarray(place_points(surface, prims, (1 / 3, 1 / 3), instances).normals)
+        is_left = np.isfinite(normals).all(axis=-1) & (self._caster.world.state.masks[instances] != 0)
         found_u, found_v = np.full(len(prims), np.nan), np.full(len(prims), np.nan)
-        left = np.arange(len(prims))
-        for sample in range(samples):
+        left = np.flatnonzero(is_left)
+        for sample in range(int(samples)):
             u, v = _spread(sample)
             points = place_points(surface, prims[left], (u, v), instances[left])
             if isinstance(eye, Camera):
@@ -167,52 +178,99 @@ class SightQueries(RayQueries):
     ) -> NDArray[np.bool_]:
         """Return which points a camera sees."""
         columns, rows = camera.size_for(width, height)
-        pixels, depth = camera.project(points.locations, columns, rows)
-        is_inside = (depth > 0) & (pixels >= 0).all(axis=-1) & (pixels <= (columns, rows)).all(axis=-1)
+        pixels, _ = camera.project(points.locations, columns, rows)
+        is_inside = np.asarray((pixels >= 0).all(axis=-1) & (pixels <= (columns, rows)).all(axis=-1))  # NaN is not
         inside = np.flatnonzero(is_inside)
         starts, _ = camera.rays_at(pixels[inside], columns, rows)
         is_inside[inside] = self.line_of_sight(points.take(inside), starts, side=side)
         return is_inside
 
 
-class _End:
-    """Points at one end of lines of sight."""
+def as_hits(points: Any) -> Hits | None:
+    """Return hits or closest points as hits; None for coordinates."""
+    if isinstance(points, ClosestPoints):
+        return points.as_hits()
+    return points if isinstance(points, Hits) else None
 
-    def __init__(self, positions: NDArray[Any], normals: NDArray[np.float64] | None, points: Any) -> None:
+
+class _Leaving(NamedTuple):
+    """Lines that begin at some points: the normals there, and the places beside the surface on either side.
+
+    `is_front` says to which side a line leads, and `is_flat` that it leads along the surface, as far as float64 can
+    tell; in free space both are true, and normals are zero.
+    """
+
+    normals: NDArray[np.float64]
+    front: NDArray[np.float64]
+    back: NDArray[np.float64]
+    is_front: NDArray[np.bool_]
+    is_flat: NDArray[np.bool_]
+
+    def lift(self, is_front: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return where the lines begin."""
+        return np.where(is_front[:, None], self.front, self.back)
+
+    def sees(self, side: str | None) -> NDArray[np.bool_]:
+        """Return which lines a side lets through."""
+        if side is None:
+            return np.ones(len(self.is_flat), np.bool_)
+        return self.is_flat | (self.is_front if side == "front" else ~self.is_front)
+
+
+class _End:
+    """Points at one end of lines of sight; `rounding` is of a height over the surface, for lines of length 1."""
+
+    def __init__(self, positions: NDArray[Any], hits: Hits | None) -> None:
         self.shape = positions.shape[:-1]
         self.count = math.prod(self.shape)
         self.positions = np.asarray(positions, np.float64).reshape(-1, 3)
-        self._normals = normals
-        if normals is not None:
-            self._normals = normals.reshape(-1, 3)
-            self._front, self._back = (
-                points.offset_origins(towards=sign * normals).reshape(-1, 3) for sign in (1.0, -1.0)
-            )
+        self._front = self._back = self.positions
+        self._normals, self._rounding = np.zeros((self.count, 3)), np.zeros(self.count)
+        if hits is None:
+            return
+        normals = np.asarray(hits.normals).reshape(-1, 3)
+        # A face without area hides nothing.
+        has_normal = np.isfinite(normals).all(axis=1)
+        self._normals = np.where(has_normal[:, None], normals, 0.0)
+        towards = np.where(has_normal[:, None], normals, 1.0).reshape(*self.shape, 3)
+        self._front, self._back = (
+            np.where(has_normal[:, None], hits.offset_origins(towards=sign * towards).reshape(-1, 3), self.positions)
+            for sign in (1.0, -1.0)
+        )
+        self._rounding = _bound_rounding(hits)
 
     @classmethod
     def read(cls, points: Any, name: str) -> _End:
         """Read points of space, or of a surface."""
-        if not hasattr(points, "offset_origins"):
-            positions = read_vectors(points, name)
-            if not np.isfinite(positions).all():
-                raise QueryError(f"{name} must be finite")
-            return cls(positions, None, points)
-        hits = points if isinstance(points, Hits) else points.as_hits()
-        return cls(hits.locations, np.asarray(hits.normals), hits)
+        hits = as_hits(points)
+        positions = read_vectors(points, name) if hits is None else hits.locations
+        if not np.isfinite(positions).all():
+            raise QueryError(f"{name} must be finite{'' if hits is None else ': some rays have hit nothing'}")
+        return cls(positions, hits)
 
-    def leave(
-        self, numbers: NDArray[np.int64], ways: NDArray[np.float64], side: str | None
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_] | bool]:
-        """Return where lines begin that lead along `ways`, and whether the side lets them."""
-        positions = self.positions[numbers]
-        if self._normals is None:
-            return positions, True
-        heights = np.einsum("ij,ij->i", self._normals[numbers], ways)
-        # Two points of one plane see each other over it, on the same side.
-        room = _ROUNDING * (np.abs(positions).max(axis=1) + np.abs(ways).max(axis=1))
-        is_front = heights >= -room
-        starts = np.where(is_front[:, None], self._front[numbers], self._back[numbers])
-        return starts, True if side is None else (is_front if side == "front" else heights <= room)
+    def leave(self, numbers: NDArray[np.int64], ways: NDArray[np.float64]) -> _Leaving:
+        """Return lines from points, which lead along `ways`."""
+        normals, positions = self._normals[numbers], self.positions[numbers]
+        heights = np.einsum("ij,ij->i", normals, ways)
+        lengths = np.abs(ways).max(axis=1)
+        room = _ROUNDING * (np.abs(positions).max(axis=1) + lengths) + self._rounding[numbers] * lengths
+        return _Leaving(normals, self._front[numbers], self._back[numbers], heights >= -room, np.abs(heights) <= room)
+
+
+def _bound_rounding(hits: Hits) -> NDArray[np.float64]:
+    """Return (n,) float64: how far the normals of faces may be off, by the rounding of their corners."""
+    surface = hits._known_surface()
+    if not all(isinstance(shape, Mesh) for shape in surface.shapes):
+        return np.zeros(math.prod(hits.shape))
+    prims, instances = hits.prim_id.reshape(-1, 1), hits.instance_id.reshape(-1, 1).astype(np.int64)
+    corners = place_points(surface, prims, np.eye(3), instances).locations
+    edges = corners - np.roll(corners, 1, axis=1)
+    longest = np.sqrt(np.einsum("nij,nij->ni", edges, edges).max(axis=1))
+    doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    # The rounding of coordinates over the smallest height.
+    return np.asarray(
+        _ROUNDING * np.abs(corners).max(axis=(1, 2)) * longest / np.maximum(doubled, np.finfo(float).tiny)
+    )
 
 
 def _spread(sample: int) -> tuple[float, float]:

@@ -91,6 +91,8 @@ class Surface:
     def list_faces(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return (n,) int64 each: the instance and the number of every face, instance after instance.
 
+        Their corners are those of ``place_points(surface, prims[:, None], np.eye(3), instances[:, None])``.
+
         Raises
         ------
         QueryError

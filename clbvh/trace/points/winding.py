@@ -41,6 +41,8 @@ INSIDE = 0.5
 # Where a node is expanded from the distance of `a` radii on, errors are at most this times a^-4: measured at points in
 # and around 40 shapes, scans and sets of triangles in no order. The largest was 0.14, around the bunny.
 _ERROR_OF_ONE_RADIUS = 0.15
+# Nearer by than this, expansions diverge.
+_LEAST_RADII = 1.25
 
 # Two radii, as libigl takes them.
 DEFAULT_ERROR = 0.01
@@ -51,7 +53,7 @@ PARITY, WINDING = "parity", "winding"
 
 def check_rule(rule: str) -> str:
     """Return the rule, or raise `ConfigError` for what is none."""
-    if rule not in (PARITY, WINDING):
+    if not isinstance(rule, str) or rule not in (PARITY, WINDING):
         raise ConfigError(f"rule must be '{PARITY}' or '{WINDING}', not {rule!r}")
     return rule
 
@@ -77,7 +79,7 @@ class WindingTree(NamedTuple):
     scale: float
 
     def to_local(self, points: NDArray[Any]) -> NDArray[np.float32]:
-        """Return local coordinates; those of far points nearer, in the same direction."""
+        """Return local coordinates; those of points that are very far away are cut off."""
         local = (points - self.centre) * self.scale
         return np.clip(local, -_FARTHEST, _FARTHEST).astype(np.float32)
 
@@ -191,8 +193,8 @@ def _wind(
 ) -> None:  # fmt: skip
     """Call a function with parts of the points and what is found of them; again with smaller ones if memory lacks."""
     masks = caster.world.state.masks
-    accuracy = (_ERROR_OF_ONE_RADIUS / max_error) ** 0.25 if max_error > 0 else np.inf
-    chosen = np.arange(len(masks)) if seen.instance_ids is None else seen.instance_ids
+    accuracy = max((_ERROR_OF_ONE_RADIUS / max_error) ** 0.25, _LEAST_RADII) if max_error > 0 else np.inf
+    chosen = np.arange(len(masks)) if seen.instance_ids is None else np.unique(seen.instance_ids)
 
     def wind(call: Call, begin: int, end: int) -> _Found:
         points = take_points(seen.rows, begin, end, call.world.box)

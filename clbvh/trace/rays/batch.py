@@ -36,6 +36,12 @@ ALL_VISIBLE.flags.writeable = False
 SIDES = {None: 0, "front": 1, "back": 2}
 
 
+def check_side(side: str | None) -> None:
+    """Raise `ConfigError` unless this is a key of `SIDES`."""
+    if not (side is None or isinstance(side, str)) or side not in SIDES:
+        raise ConfigError(f"side must be 'front', 'back' or None, not {side!r}")
+
+
 class RayArrays(NamedTuple):
     """The arrays of rays as the user gave them: of numpy, or those with vectors `pyopencl.array.Array`.
 
@@ -83,8 +89,7 @@ class RayBatch:
         """Return the rays without what the user says that they do not see; see `Tracer.closest_hit`."""
         if side is None and exclude is None:
             return self
-        if side not in SIDES:
-            raise ConfigError(f"side must be 'front', 'back' or None, not {side!r}")
+        check_side(side)
         excluded = None if exclude is None else _read_excluded(exclude, self.shape, is_lone=is_lone)
         return RayBatch(self.arrays, self.shape, SIDES[side], excluded)
 

@@ -140,6 +140,30 @@ def test_instances_and_batches_are_as_one_mesh(session, monkeypatch):
     assert placed.to_dense()[[0, 1], [1, 0]] == pytest.approx(0.1998, abs=DEVIATIONS * 0.4 / 32)
 
 
+def test_mirrors_take_the_side_along_and_masks_take_instances_away(session):
+    cube = clbvh.make_shape("cube", triangles=12)
+    scene = clbvh.Scene()
+    geometry = scene.add(cube)
+    scene.place(geometry, np.diag([-1.0, 1, 1, 1]))
+    other = scene.place(geometry, [[1, 0.3, 0, 2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    with clbvh.Tracer(scene, device=session.info) as tracer:
+        tracer.set_masks(other, 0)
+        front, back = (view_factors(tracer, 64, sides=sides) for sides in ("front", "back"))
+    assert (front.sky[:12] == 1).all()
+    assert (back.sky[:12] == 0).all()
+    assert np.isnan(front.sky[12:]).all()
+    assert front.area[12:].sum() == 0
+
+
+def test_small_sources_behind_large_ones_keep_their_digits(session):
+    ground = rectangle((-1e8, -1e8, -1), (2e8, 0, 0), (0, 2e8, 0))
+    mesh, groups = join(ground, *PARALLEL)
+    faces = factors._Faces.of_tracer(clbvh.Tracer(mesh, device=session.info), "front")
+    single, grouped = (factors._Sources.make(faces, labels) for labels in (None, groups.astype(np.int32)))
+    assert single.sums.tolist() == [1.0] * 6
+    assert grouped.sums == pytest.approx([0.5, 1] * 3, abs=1e-12)
+
+
 def test_faces_without_area_and_walls_of_two_faces(session):
     (vertices, faces), _ = PARALLEL
     mesh, _ = join((vertices, [*faces, [0, 1, 1]]), (vertices, np.array(faces)[:, ::-1]))
@@ -162,6 +186,8 @@ def test_what_does_not_fit_is_refused(session):
             (clbvh.QueryError, "groups", {"groups": groups[:-1]}),
             (clbvh.QueryError, "groups", {"groups": groups + 0.5}),
             (clbvh.QueryError, "groups", {"groups": groups + 3}),
+            (clbvh.QueryError, "groups", {"groups": [[0], [1, 2]]}),
+            (clbvh.ConfigError, "sides", {"sides": np.array(["front", "back"])}),
         ]:
             with pytest.raises(error, match=words):
                 view_factors(tracer, **options)

@@ -65,6 +65,9 @@ def test_sky_view_is_that_of_formulas(session, yard, wall):
         before = np.column_stack((np.zeros(3), 1 - distances, np.full(3, HEIGHT)))
         on_ground = sky_view(tracer, before)
         turned = sky_view(tracer, before, normals=[0, 1, 0])
+        closest = tracer.closest_point([[0, 0.5, 0.4], [9, -9, 2]])
+        assert sky_view(tracer, closest) == pytest.approx(sky_view(tracer, closest.as_hits()))
+        assert horizon(tracer, closest, [0]).shape == (2, 1)
     assert on_wall == pytest.approx(0.5, abs=5e-3)
     elevation = np.arctan((1 - HEIGHT) / distances)
     assert on_ground == pytest.approx((1 + np.cos(elevation)) / 2, abs=5e-3)
@@ -105,10 +108,12 @@ def test_the_horizon_is_that_of_a_wall(session, wall):
         found = horizon(tracer, points, azimuths, tolerance=1e-4)
         coarse = horizon(tracer, points, azimuths, step=10, tolerance=1e-4)
         turned = horizon(tracer, points[:1], [0.0], north=(1, 1, 0.3))
+        fine = horizon(tracer, points, azimuths, step=0.25, tolerance=1e-4)
     ahead = np.cos(np.radians(azimuths))
     exact = np.degrees(np.arctan2((1 - points[:, 2:]) * ahead, 1 - points[:, 1:2]))
     assert found == pytest.approx(np.where(ahead > 1e-9, exact, 0), abs=1e-3)
     assert coarse == pytest.approx(found, abs=1e-3)
+    assert fine == pytest.approx(found, abs=1e-3)
     assert turned == pytest.approx(np.degrees(np.arctan((1 - HEIGHT) * math.sqrt(0.5))), abs=0.01)
 
 
@@ -132,7 +137,13 @@ def test_what_does_not_fit_is_refused(session, wall):
             (clbvh.QueryError, "of a sky", lambda: sky_view(tracer, [0, 0, 1], directions=[[0, 0, -1]])),
             (clbvh.QueryError, "along up", lambda: horizon(tracer, [0, 0, 1], [0], north=(0, 0, 2))),
             (clbvh.QueryError, "finite", lambda: horizon(tracer, [0, 0, 1], [np.inf])),
+            (clbvh.QueryError, "numbers", lambda: horizon(tracer, [0, 0, 1], ["north"])),
+            (clbvh.QueryError, "up must be", lambda: horizon(tracer, [0, 0, 1], [0], up=np.eye(3))),
+            (clbvh.QueryError, "weights", lambda: sun_hours(tracer, [0, 0, 1], [[0, 0, 1]], [1j])),
+            (clbvh.QueryError, "misses", lambda: sky_view(tracer, tracer.closest_hit([[0, 0, 9]], [0, 0, 1]))),
             (clbvh.ConfigError, "step", lambda: horizon(tracer, [0, 0, 1], [0], step=0)),
+            (clbvh.ConfigError, "step", lambda: horizon(tracer, [0, 0, 1], [0], step="1")),
+            (clbvh.ConfigError, "tolerance", lambda: horizon(tracer, [0, 0, 1], [0], tolerance=5e-324)),
             (clbvh.ConfigError, "tolerance", lambda: horizon(tracer, [0, 0, 1], [0], tolerance=2)),
         ]:
             with pytest.raises(error, match=words):

@@ -62,6 +62,22 @@ def test_a_plate_hides_what_is_behind_it_and_nothing_in_its_plane(session, room)
         assert not tracer.line_of_sight(closest, [right, left]).any()
 
 
+@pytest.mark.parametrize("offset", [0, 1e2, 1e6])
+def test_faces_of_one_wall_see_each_other_however_small_and_turned(session, offset):
+    cells = 40
+    x, y = (each.ravel() for each in np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij"))
+    corners = np.array([[[x, y], [x + 1, y], [x + 1, y + 1]], [[x, y], [x + 1, y + 1], [x, y + 1]]])
+    flat = corners.transpose(3, 0, 1, 2).reshape(-1, 2) / cells
+    turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    faces = np.arange(len(flat)).reshape(-1, 3)
+    faces[::7] = faces[::7, ::-1]  # some are turned
+    wall = clbvh.Mesh.from_arrays(np.column_stack((flat, np.zeros(len(flat)))) @ turn + offset, faces)
+    with clbvh.Tracer(wall, device=session.info) as tracer:
+        points = tracer.points_on(range(0, wall.face_count, 23))
+        assert tracer.line_of_sight(points[:, None], points).all()
+        assert tracer.line_of_sight(points[:, None], points, side="front").all()
+
+
 def test_pairs_are_cast_part_by_part_and_masks_are_respected(session, world, monkeypatch):
     random = np.random.default_rng(2)
     a, b = random.uniform(-4, 4, (2, 7, 1, 3)), random.uniform(-4, 4, (5, 3))
@@ -108,11 +124,32 @@ def test_a_narrow_picture_and_the_back_see_less(session, mesh):
         assert len(tracer.visible_prims(EYE * 3, 1).prim_id) < len(everything)
 
 
+def test_everything_around_an_eye_is_seen_and_nothing_that_is_not_there(session):
+    ball = clbvh.make_shape("icosphere", triangles=320)
+    with clbvh.Tracer(ball, device=session.info) as tracer:
+        for projection in (clbvh.Panorama(), clbvh.Fisheye(angle=360)):
+            camera = clbvh.Camera(eye=(0, 0, 0), look_at=(0, 0, 1), projection=projection)
+            assert len(tracer.visible_prims(camera, width=400, height=400).prim_id) == 320
+    point = clbvh.Mesh.from_arrays([*ball.vertices, [0, 0, 0]], [*ball.faces, [len(ball.vertices)] * 3])
+    with clbvh.Tracer(point, device=session.info) as tracer:
+        assert len(tracer.visible_prims([0, 0, 0.1]).prim_id) == 320
+        every = tracer.points_on(range(321))
+        assert tracer.line_of_sight(every, [0, 0, 0.1]).all()
+    scene = clbvh.Scene(ball)
+    with clbvh.Tracer(scene, device=session.info) as tracer:
+        tracer.set_masks(0, 0)
+        assert len(tracer.visible_prims([0, 0, 5]).prim_id) == 0
+
+
 def test_what_does_not_fit_is_refused(session, room):
     with clbvh.Tracer(room, device=session.info) as tracer:
+        miss = tracer.closest_hit([9, 9, 9], [0, 0, 1])
         for error, words, call in [
             (clbvh.ConfigError, "side", lambda: tracer.line_of_sight([0, 0, 1], [0, 0, 2], side="left")),
             (clbvh.QueryError, "broadcast", lambda: tracer.line_of_sight([[0, 0, 1]] * 2, [[0, 0, 2]] * 3)),
+            (clbvh.ConfigError, "side", lambda: tracer.line_of_sight([0, 0, 1], [0, 0, 2], side=[])),
+            (clbvh.QueryError, "masks", lambda: tracer.line_of_sight([0, 0, 1], [[0, 0, 2]] * 2, mask=[1, 2, 3])),
+            (clbvh.QueryError, "b must be finite: some rays", lambda: tracer.line_of_sight([0, 0, 1], miss)),
             (clbvh.QueryError, "finite", lambda: tracer.line_of_sight([0, 0, np.nan], [0, 0, 2])),
             (clbvh.ConfigError, "samples", lambda: tracer.visible_prims([0, 0, 1], 0)),
             (clbvh.QueryError, "eye", lambda: tracer.visible_prims([[0, 0, 1]])),

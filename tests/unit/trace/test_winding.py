@@ -10,7 +10,7 @@ import pytest
 import clbvh
 from clbvh.trace.points.winding import DEFAULT_ERROR
 
-SIZES = [0.05, DEFAULT_ERROR, 1e-3, 1e-4]
+SIZES = [1.0, 0.2, 0.05, DEFAULT_ERROR, 1e-3, 1e-4]
 
 
 def sum_angles(corners, points):
@@ -143,6 +143,9 @@ def test_moves_are_followed(session):
         moved[:3, 3] = 3, 0, 1
         tracer.set_transforms(there, moved)
         assert tracer.winding_number(points) == pytest.approx(exact(np.eye(4), moved), abs=2 * DEFAULT_ERROR)
+        assert np.array_equal(
+            tracer.winding_number(points, instance=[here, here]), tracer.winding_number(points, mask=1)
+        )
         tracer.set_masks(there, 0)
         assert tracer.winding_number(points) == pytest.approx(exact(np.eye(4)), abs=DEFAULT_ERROR)
     with clbvh.Tracer(ball, device=session.info) as tracer:
@@ -171,11 +174,13 @@ def test_what_does_not_fit_is_refused(session, mesh):
             (clbvh.ConfigError, "max_error", lambda: tracer.winding_number([0, 0, 1], max_error=-1)),
             (clbvh.ConfigError, "max_error", lambda: tracer.winding_number([0, 0, 1], max_error=np.nan)),
             (clbvh.ConfigError, "rule", lambda: tracer.contains([0, 0, 1], rule="odd")),
+            (clbvh.ConfigError, "rule", lambda: tracer.contains([0, 0, 1], rule=np.array(["parity", "winding"]))),
             (clbvh.ConfigError, "rule", lambda: tracer.signed_distance([0, 0, 1], rule=None)),
             (clbvh.QueryError, "finite", lambda: tracer.winding_number([0, 0, np.nan])),
         ]:
             with pytest.raises(error, match=words):
                 call()
+        assert np.isfinite(tracer.winding_number([0, 0, 0], max_error=10**400))
     with pytest.raises(clbvh.QueryError, match="closed"):
         tracer.winding_number([0, 0, 1])
     with clbvh.Tracer(clbvh.Spheres([[0, 0, 0]], 1.0)) as tracer, pytest.raises(clbvh.QueryError, match="spheres"):
