@@ -345,8 +345,8 @@ class PointQueries(HasCaster):
         Parameters
         ----------
         max_error : float, optional
-            The largest error, as measured on meshes of many kinds; the mean one is a fifth of it. 0: the exact sum over
-            all triangles, in float32.
+            The largest error, as measured on meshes of many kinds; the root mean square of errors is an eighth of it.
+            0: the exact sum over all triangles, in float32.
 
         Raises
         ------

@@ -198,7 +198,8 @@ class Tracer(SightQueries, PointQueries, PairQueries, Moves):
         self._caster, self._opening = caster, opening
         self._changes = Changes(opening.scene, opening.state, opening.tree or opening.building)
         self._updating = make_lock()
-        self._host_trees, self._winding_trees = HostTrees(), WindingTrees()
+        self._host_trees = HostTrees()
+        self._winding_trees = WindingTrees(self._host_trees)
 
     @property
     def device(self) -> DeviceInfo:

@@ -70,25 +70,38 @@ class HostTrees:
         self._boxes: dict[int, NDArray[np.float32]] = {}
         self._joined: JoinedTrees | None = None
 
+    def find(self, state: SceneState, geometry_id: int) -> Bvh:
+        """Return the tree of a geometry; one whose shape is new is built anew."""
+        with self._lock:
+            self._renew(state, [geometry_id])
+            return self._trees[geometry_id]
+
     def join(self, state: SceneState, geometry_ids: NDArray[np.integer]) -> JoinedTrees:
         """Return the trees of some geometries, and maybe of others; one whose shape is new is built anew."""
-        # Imported here: few tracers need it.
-        from ...builders.build import build_shapes
-
         with self._lock:
-            new = [
-                geometry_id
-                for geometry_id in np.unique(geometry_ids).tolist()
-                if (tree := self._trees.get(geometry_id)) is None or tree.shape is not state.shapes[geometry_id]
-            ]
-            trees = build_shapes([state.shapes[geometry_id] for geometry_id in new], "default")
-            for geometry_id, tree in zip(new, trees, strict=True):
-                self._joined, self._boxes[geometry_id], self._trees[geometry_id] = None, fit_boxes(tree), tree
+            self._renew(state, np.unique(geometry_ids).tolist())
             if self._joined is None:
                 self._joined = self._join(state.geometry_count)
             return self._joined
 
+    def _renew(self, state: SceneState, geometry_ids: list[int]) -> None:
+        # Imported here: few tracers need it.
+        from ...builders.build import build_shapes
+
+        new = [
+            geometry_id
+            for geometry_id in geometry_ids
+            if (tree := self._trees.get(geometry_id)) is None or tree.shape is not state.shapes[geometry_id]
+        ]
+        trees = build_shapes([state.shapes[geometry_id] for geometry_id in new], "default")
+        for geometry_id, tree in zip(new, trees, strict=True):
+            self._joined, self._trees[geometry_id] = None, tree
+            self._boxes.pop(geometry_id, None)
+
     def _join(self, geometry_count: int) -> JoinedTrees:
+        for geometry_id, tree in self._trees.items():
+            if geometry_id not in self._boxes:
+                self._boxes[geometry_id] = fit_boxes(tree)
         first_node, first_prim = (np.full(geometry_count, -1, np.int64) for _ in range(2))
         node_count = prim_count = 0
         for geometry_id, tree in self._trees.items():

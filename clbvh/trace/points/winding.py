@@ -12,11 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...bvh import Bvh
 from ...device.host.loops import Loops
 from ...device.host.variants import WINDING_LANES
 from ...errors import ConfigError, QueryError
 from ...geometry import Mesh
 from ...support.forks import make_lock
+from ..clearance.walk import HostTrees
 from ..hits.points_on import place_points
 from ..hits.surface import Surface
 from ..launch import Call, Caster
@@ -94,34 +96,38 @@ class _PutTree(NamedTuple):
 
 
 class WindingTrees:
-    """The trees of a tracer's instances, fitted when they are first asked for and after a move; from any thread."""
+    """The trees of a tracer's instances, fitted when they are first asked for and after a move; from any thread.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    host_trees : HostTrees
+        Of the tracer: moments are those of their nodes.
+    """
+
+    def __init__(self, host_trees: HostTrees) -> None:
         self._lock = make_lock()
+        self._host_trees = host_trees
         self._put: dict[int, _PutTree] = {}
 
     def find(self, caster: Caster, instance: int) -> tuple[WindingTree, dict[str, Any]]:
         """Return the tree of an instance where it is now, and its arrays on the device."""
         surface, upload = Surface.of_world(caster.world), caster.session.upload
         arrays = surface.arrays
-        mesh = surface.shapes[arrays.geometry_id[instance]]
+        geometry_id = int(arrays.geometry_id[instance])
+        mesh = surface.shapes[geometry_id]
         if not isinstance(mesh, Mesh):
             raise QueryError("winding numbers are those of triangles: an instance is of spheres")
         transform = arrays.linear[instance].tobytes() + arrays.offset[instance].tobytes()
         with self._lock:
             put = self._put.get(instance)
             if put is None or put.mesh is not mesh or put.transform != transform:
-                tree = _fit(surface, mesh, instance)
+                tree = _fit(surface, self._host_trees.find(caster.world.state, geometry_id), instance)
                 buffers = {"nodes": upload(tree.nodes), "links": upload(tree.links), "corners": upload(tree.corners)}
                 self._put[instance] = put = _PutTree(mesh, transform, tree, buffers)
             return put.tree, put.buffers
 
 
-def _fit(surface: Surface, mesh: Mesh, instance: int) -> WindingTree:
-    # Imported here: few tracers need it.
-    from ...builders.build import build
-
-    tree = build(mesh)
+def _fit(surface: Surface, tree: Bvh, instance: int) -> WindingTree:
     corners = place_points(surface, tree.prim_ids[:, None], np.eye(3), np.array([instance])).locations
     if np.linalg.det(surface.arrays.linear[instance]) < 0:
         corners = corners[:, ::-1]  # a mirror takes the outside along
