@@ -101,8 +101,9 @@ def run(arguments: list[str] | None = None) -> None:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
             warnings.simplefilter("always", ClbvhWarning)
-            if words[-1:] and words[-1] in HELP_FLAGS and words[:-1] in [[], *([verb] for verb in VERBS)]:
-                make_app().help_print(words[:-1])  # as the call does, which collects all options once more before
+            *verb, last = words or [""]
+            if last in HELP_FLAGS and len(verb) < 2 and VERBS.keys() >= {*verb}:
+                make_app().help_print(verb)  # as the call does, which collects all options once more before
             else:
                 make_app()(words)
         print(end="", flush=True)

@@ -157,7 +157,7 @@ def view_factors(
 
     Examples
     --------
-    Two parallel squares at the distance of their side, of which each sees a fifth of the other:
+    Parallel unit squares at distance 1: a fifth of what leaves one arrives at the other.
 
     >>> import clbvh, clbvh.radiation
     >>> corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1], [1, 1, 1], [1, 0, 1]]
@@ -197,7 +197,8 @@ class _Faces(NamedTuple):
     @classmethod
     def of_tracer(cls, tracer: Tracer, sides: str) -> _Faces:
         """Read the faces where they are now."""
-        surface = Surface.of_world(tracer._caster.world)
+        world = tracer._caster.world
+        surface = Surface.of_world(world)
         instances, prims = surface.list_faces()
         count, firsts = len(prims), np.searchsorted(instances, np.arange(len(surface.arrays.geometry_id)))
         hits = place_points(surface, prims[:, None], np.eye(3), instances[:, None])
@@ -205,7 +206,7 @@ class _Faces(NamedTuple):
         doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         # A face without area emits nothing, and has no normal; nor does one that nothing sees.
         has_normal = np.isfinite(normals).all(axis=(1, 2))
-        is_visible = tracer._caster.world.state.masks[instances] != 0
+        is_visible = world.state.masks[instances] != 0
         areas = np.where(has_normal & is_visible, np.linalg.norm(doubled, axis=1) / 2, 0.0)
         normals = np.where(has_normal[:, None, None], normals, (0.0, 0.0, 1.0))
         # A mirror turns the corners, and takes the outer side along.

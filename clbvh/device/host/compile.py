@@ -172,7 +172,7 @@ def build_library(
         if level == levels[0] or variant.name not in WITHOUT_LEVEL.get(level, ())
     }
     loops = [_loops_unit(name, level, target) for level in levels for name in list_loop_files()]
-    # Neighbours in the library are alike: a wheel of it is 15 % smaller.
+    # Similar code side by side compresses better: wheels are 15 % smaller.
     order = sorted(range(len(units)), key=[*units].__getitem__)
     _link(compiler, path, objects, [*units.values(), *loops, _level_unit(levels, target)], jobs, order)
 

@@ -32,6 +32,7 @@ _OWN_LAYOUT = LAYOUTS["bvh8"].number
 
 # A work-group is one thread, so that no kernel waits for others at a barrier.
 SORT_DIGIT_BITS = 10
+_UNGROUPED = {"GROUPED": 0, "GROUP_SIZE": 1}
 
 # Levels of processor, and files of kernels that have no code of their own for them where there is a lower level: code
 # for AVX-512 of those that are large, or seldom asked for, would be a fifth of a wheel.
@@ -39,7 +40,6 @@ WITHOUT_LEVEL = {"v4": ("closest_points", "count_steps", "depth", "render", "ren
 
 # Points that walk a tree together: a vector of AVX2.
 WINDING_LANES = 8
-_UNGROUPED = {"GROUPED": 0, "GROUP_SIZE": 1}
 
 _OF_WORLDS = (
     "ambient_occlusion", "any_hit", "closest_hit", "closest_point", "closest_points", "count_hits", "count_steps",

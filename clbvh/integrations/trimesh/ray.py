@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...device.info import DeviceInfo
 from ...errors import MeshError, QueryError, SceneError
 from ...trace.hits.hits import AllHits
-from ...trace.points.winding import check_rule
+from ...trace.points.winding import WINDING, check_rule
 from .tracers import find_tracer, read_mesh, read_options
 
 # Directions along which crossings are counted, in this order of preference. Any will do: a direction that no mesh is
@@ -194,7 +194,7 @@ class RayEngine:
         array([ True,  True, False])
         """
         points = read_points(points)
-        if self._rule != "parity":
+        if self._rule == WINDING:
             return np.asarray(self._tracer.ask(self._thing, lambda tracer, _: tracer.contains(points, rule=self._rule)))
         contains = np.zeros(len(points), np.bool_)
         if self._is_scene:
