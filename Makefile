@@ -116,7 +116,7 @@ gpu-day: $(INSTALLED_DEV) ## check and measure the first GPU in ten minutes, and
 	$(BIN)/python .ci/gpu_day.py --folder $(OUT)/gpu-day $(if $(DEVICE),--device $(DEVICE)) $(if $(SMALL),--small) $(ONLY)
 
 gpu-day-kit: $(INSTALLED_DEV) ## pack that with all wheels into dist/clbvh-gpu-day.tar.gz, for a machine without a network
-	$(BIN)/python .ci/gpu_day.py --kit dist
+	$(BIN)/python .ci/gpu_day_kit.py dist
 
 clean: ## remove what make made, but not downloads
 	rm -rf $(VENV) $(OUT) dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

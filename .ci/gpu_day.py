@@ -3,8 +3,6 @@
 It takes the first GPU, or the device of `--device`, which it treats as a GPU. Each step is a process of its own, whose
 rows are kept as they come: where one fails, crashes or takes too long, the page says so, and the next one begins. The
 folder gets `gpu-day.md`, `gpu-day.json` and the samples of the study. Exit code 1 if a step fails or an answer differs.
-
-`--kit` packs what a machine without a network needs into one archive: this script and wheels for Linux and Python 3.12.
 """
 
 from __future__ import annotations
@@ -12,12 +10,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shutil
 import signal
 import statistics
 import subprocess
 import sys
-import tarfile
 import tempfile
 import time
 import traceback
@@ -26,8 +22,6 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
-
-HERE = Path(__file__).resolve().parent
 
 Row = dict[str, Any]
 
@@ -51,16 +45,6 @@ _TITLES = {
 # Of the study: those that draw or build on the device.
 EXPERIMENTS = ("ladder", "trees", "frontier", "resolution", "layouts")
 
-KIT_PYTHON, KIT_NAME, MOST_KIT_BYTES = "3.12", "clbvh-gpu-day", 60_000_000
-_RUN = f"""#!/bin/sh
-# Installs clbvh from the wheels beside this file, for Python {KIT_PYTHON}, and runs the day in the folder gpu-day.
-set -eu
-cd "$(dirname "$0")"
-"${{PYTHON:-python3}}" -m venv venv
-venv/bin/pip install --quiet --no-index --find-links wheels clbvh Jinja2
-exec venv/bin/python gpu_day.py "$@"
-"""
-
 
 class Size(NamedTuple):
     """How much is measured.
@@ -71,20 +55,15 @@ class Size(NamedTuple):
         Rays of a picture.
     meshes, builds : tuple of str
         Procedural meshes, by name and triangles: those for rays, and those to build trees of.
-    scale : str
-        Of the study: quick or tiny.
     """
 
     picture: tuple[int, int]
     meshes: tuple[str, ...]
     builds: tuple[str, ...]
-    scale: str
 
 
-FULL = Size(
-    (1920, 1080), ("knot-1000000", "terrain-1000000"), ("knot-100000", "knot-1000000", "knot-10000000"), "quick"
-)
-SMALL = Size((320, 180), ("knot-20000",), ("knot-20000",), "tiny")
+FULL = Size((1920, 1080), ("knot-1000000", "terrain-1000000"), ("knot-100000", "knot-1000000", "knot-10000000"))
+SMALL = Size((320, 180), ("knot-20000",), ("knot-20000",))
 
 
 def check_answers(info: Any, size: Size, folder: Path) -> Iterator[Row]:
@@ -144,22 +123,15 @@ def measure_rays(info: Any, size: Size, folder: Path) -> Iterator[Row]:
     import numpy as np
 
     import clbvh
-    from clbvh.errors import ClbvhError
-    from clbvh.geometry.fetch import find_known_mesh
-    from clbvh.study.scale import load_named_mesh
+    from clbvh.study.scale import QUICK, load_named_mesh
     from clbvh.tree_layouts import TREE_LAYOUTS
     from clbvh.views.cameras.framing import frame_mesh
 
     width, height = size.picture
-    meshes = {name: lambda name=name: load_named_mesh(name) for name in size.meshes}
-    for scan in ("bunny", "dragon") if size is FULL else ():
-        try:
-            path = find_known_mesh(scan)
-        except ClbvhError:
-            continue
-        meshes[scan] = lambda path=path: clbvh.load_mesh(path)
-    for name, load in meshes.items():
-        mesh, random = load(), np.random.default_rng(0)
+    # The scans that are here: a study has other meshes in the place of those that are not.
+    scans = [scan for scan in ("bunny", "dragon") if size is FULL and QUICK.mesh(scan) == scan]
+    for name in (*size.meshes, *scans):
+        mesh, random = load_named_mesh(name), np.random.default_rng(0)
         picture = frame_mesh(mesh, aspect=width / height).rays(width, height)
         order = random.permutation(width * height)
         lower, upper = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
@@ -216,13 +188,13 @@ def measure_builds(info: Any, size: Size, folder: Path) -> Iterator[Row]:
         }
         with clbvh.Tracer(mesh, device=info, quality="fast") as tracer:
             moved, times = mesh.vertices.astype(np.float64), []
-            for step in range(CALLS):
+            for _ in range(CALLS):
                 moved = moved * (1.0 + 1e-4)
                 started = time.perf_counter()
                 tracer.update(moved)
                 tracer.any_hit(np.zeros(3), np.ones(3))  # waits for the device
-                times.append(1e3 * (time.perf_counter() - started) if step else np.inf)
-            row["refit with a ray, ms"] = statistics.median(times[1:])
+                times.append(1e3 * (time.perf_counter() - started))
+            row["refit with a ray, ms"] = statistics.median(times[1:])  # the first one compiles
         yield row
 
 
@@ -430,51 +402,18 @@ def run_day(options: argparse.Namespace) -> int:
     return 1 if any(step["problem"] for step in day["steps"].values()) else 0
 
 
-def make_kit(folder: Path) -> int:
-    """Pack this script with all wheels that it needs, and return the exit code."""
-    from build_wheels import build, find_wheel
-
-    from clbvh.device.host.targets import find_target
-
-    target = find_target("linux-x86_64")
-    assert target is not None
-    if (wheel := find_wheel(target, folder)) is None:
-        build(target, folder)
-        wheel = find_wheel(target, folder)
-    with tempfile.TemporaryDirectory() as temporary:
-        kit = Path(temporary) / KIT_NAME
-        command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check"]
-        command += ["--only-binary", ":all:", "--python-version", KIT_PYTHON, "--dest", str(kit / "wheels")]
-        for platform in ("manylinux2014", "manylinux_2_17", "manylinux_2_27", "manylinux_2_28"):
-            command += ["--platform", f"{platform}_x86_64"]
-        subprocess.run([*command, str(wheel), "Jinja2"], check=True)
-        for script in ("gpu_day.py", "gpu_report.py"):
-            shutil.copy(HERE / script, kit)
-        (kit / "run").write_text(_RUN, encoding="utf-8")
-        (kit / "run").chmod(0o755)
-        path = folder / f"{KIT_NAME}.tar.gz"
-        with tarfile.open(path, "w:gz") as archive:
-            archive.add(kit, KIT_NAME)
-    size = path.stat().st_size
-    print(f"{path}: {size / 1e6:.1f} MB; unpack it, and run {KIT_NAME}/run")
-    return 0 if size <= MOST_KIT_BYTES else 1
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the day, one of its steps, or make the kit, and return the exit code."""
+    """Run the day, or one of its steps, and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("steps", nargs="*", metavar="STEP", help=f"any of {', '.join(STEPS)}; all without it")
     parser.add_argument("--device", help="a number or a part of a name; the first GPU without it")
     parser.add_argument("--folder", type=Path, default=Path("gpu-day"), help="new or empty")
     parser.add_argument("--small", action="store_true", help="small meshes and pictures: a trial of two minutes")
-    parser.add_argument("--kit", type=Path, metavar="FOLDER", help="make the archive in this folder, with its wheel")
     parser.add_argument("--step", choices=STEPS, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if unknown := sorted({*options.steps} - {*STEPS}):
         parser.error(f"'{unknown[0]}' is no step: there are {', '.join(STEPS)}")
     options.folder = options.folder.resolve()
-    if options.kit:
-        return make_kit(options.kit)
     if options.step:
         return run_step(options.step, options.device, SMALL if options.small else FULL, options.folder)
     return run_day(options)
