@@ -230,7 +230,10 @@ def test_a_phone_shows_the_answer_to_a_click_and_the_object_beside_an_open_panel
             break
     page.wait_for_selector("th:text('face') >> visible=true")
     page.get_by_role("button", name="Show the panel").tap()
-    page.wait_for_function("document.querySelector('.picture').getBoundingClientRect().height < 0.6 * innerHeight")
+    # A function, since the page's policy forbids to evaluate an expression again later.
+    page.wait_for_function(
+        "() => document.querySelector('.picture').getBoundingClientRect().height < 0.6 * innerHeight"
+    )
     bottom = page.locator(".picture").evaluate("(node) => node.getBoundingClientRect().bottom")
     assert bottom <= page.locator(".panel").evaluate("(node) => node.getBoundingClientRect().top") + 1
 
