@@ -20,12 +20,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[1]
-FOLDER = PROJECT / "out" / "emulated"
 sys.path.insert(0, str(PROJECT))
 
 from build_wheels import find_wheel  # noqa: E402
 
 from clbvh.device.host.targets import Target, find_target  # noqa: E402
+from clbvh.support.folders import find_cache  # noqa: E402
+
+# Outside of the checkout: hatchling follows the links of a system's folders, and leaves out what it has seen there.
+FOLDER = find_cache() / "emulated"
 
 # The Python of Debian 12, and the platforms whose wheels run there.
 _DEBIAN, _PYTHON = "bookworm", "3.11"
