@@ -13,21 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError, QueryError
+from ..geometry import Mesh
 from ..scene.handles import Instances
 from ..structs import NO_PRIM
-from ..support.host_threads import cut_range
-from .clearance.triangles import TOUCH, measure_exactly
-from .clearance.walk import PAIR_BYTES, HostTrees, PairSearch, check_meshes, find_overlaps, place_pair
+from .clearance.triangles import TOUCH
+from .clearance.walk import PAIR_BYTES, HostTrees, PairSearch, find_overlaps
 from .launch import HasCaster
 from .rays.batch import check_room
 from .world.top_tree import find_boxes
 from .world.world import World
-
-# Pairs of instances whose boxes overlap that a thread tests at a time; after Ctrl-C it tests no more of them.
-_PAIRS = 32
-
-# No instances are that far apart in the unit of a search; and squared limits have room for rounding.
-_FAR, _ROOM = 2.0**500, 1.0 + 2.0**-50
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,25 +124,17 @@ class PairQueries(HasCaster):
         """
         if not (isinstance(max_distance, Real) and max_distance >= 0):
             raise ConfigError(f"max_distance must be a number from 0, not {max_distance!r}")
-        limit, nothing = float(max_distance), np.full(2, NO_PRIM, np.int32)
+        nothing = np.full(2, NO_PRIM, np.int32)
         apart = ClosestPair(np.inf, np.full((2, 3), np.nan), nothing, nothing.copy())
         with self._caster.open_call() as call:
             pairs = self._pair_up(call.world, a, b)
-            if len(pairs) == 0:
+            found = self._search(call.world, np.sort(pairs)).find_nearest(float(max_distance)) if len(pairs) else None
+            if found is None:
                 return apart
-            search = PairSearch.open(call.world, self._host_trees, np.sort(pairs))
-            squared = min(limit * search.unit, _FAR) ** 2 * _ROOM + TOUCH
-            # To find a touch takes a tenth of the time: not of parts whose boxes are apart.
-            found = search.find_one(TOUCH) or search.find_one(squared)
-            if found is not None:
-                index, prims = found
-                instances, corners = search.pairs[index], np.empty((6, 3))
-                place_pair(call.world.arrays, instances, prims, corners)
-                distance, points = measure_exactly(corners)
-                if distance <= limit:
-                    way = slice(None, None, 1 if (instances == pairs[index]).all() else -1)
-                    return ClosestPair(distance, points[way], prims[way], instances[way].astype(np.int32))
-        return apart
+            # A search has the smaller id first.
+            way = slice(None, None, 1 if pairs[found.pair, 0] < pairs[found.pair, 1] else -1)
+            instances = pairs[found.pair].astype(np.int32)
+            return ClosestPair(found.distance, found.points[way], found.prim_ids[way], instances)
 
     def is_colliding(
         self,
@@ -174,10 +160,7 @@ class PairQueries(HasCaster):
         """
         with self._caster.open_call() as call:
             pairs = self._pair_up(call.world, a, b)
-            if len(pairs) == 0:
-                return False
-            search = PairSearch.open(call.world, self._host_trees, np.sort(pairs))
-            return search.find_one(TOUCH) is not None
+            return len(pairs) > 0 and self._search(call.world, np.sort(pairs)).find_one(TOUCH) is not None
 
     def collisions(self, instances: Instances | None = None) -> NDArray[np.int32]:
         """Return all pairs of instances whose surfaces have a common point.
@@ -217,20 +200,18 @@ class PairQueries(HasCaster):
         with self._caster.open_call() as call:
             if instances is None:
                 chosen = np.flatnonzero(call.world.state.masks)
-            check_meshes(call.world, chosen)
+            _check_meshes(call.world, chosen)
             lower, upper = find_boxes(call.world.arrays)
             pairs = chosen[find_overlaps(lower[chosen], upper[chosen])]
             if len(pairs) == 0:
                 return np.empty((0, 2), np.int32)
-            search = PairSearch.open(call.world, self._host_trees, pairs)
-            touches = np.zeros(len(pairs), np.bool_)
+            touches = self._search(call.world, pairs).find_touches(call.threads)
+            return pairs[touches.prim_ids[:, 0] != NO_PRIM].astype(np.int32)
 
-            def test(begin: int, end: int) -> None:
-                found = search.measure(np.arange(begin, end), TOUCH, is_chained=False)
-                touches[begin:end] = found.prim_ids[:, 0] != NO_PRIM
-
-            call.threads.run(test, cut_range(0, len(pairs), -(-len(pairs) // _PAIRS)))
-            return pairs[touches].astype(np.int32)
+    def _search(self, world: World, pairs: NDArray[np.int64]) -> PairSearch:
+        """Return a search of pairs, the smaller id first."""
+        _check_meshes(world, np.unique(pairs))
+        return PairSearch.open(world.state.shapes, world.arrays, self._host_trees, pairs)
 
     def _pair_up(self, world: World, a: Any, b: Any) -> NDArray[np.int64]:
         """Return the pairs of different instances of two lists, once each, (n, 2); see `closest_pair`."""
@@ -246,3 +227,14 @@ class PairQueries(HasCaster):
         if len(pairs) == 0:
             raise QueryError("a distance needs two different instances")
         return pairs if b is not None else pairs[world.state.masks[pairs[:, 1]] > 0]
+
+
+def _check_meshes(world: World, instance_ids: NDArray[np.int64]) -> None:
+    """Raise `QueryError` unless all instances are of meshes."""
+    for instance_id in instance_ids.tolist():
+        shape = world.state.shapes[world.state.geometry_ids[instance_id]]
+        if not isinstance(shape, Mesh):
+            name = world.state.instance_names[instance_id]
+            raise QueryError(
+                f"the instance {name!r} is of {shape.kind.name}, and pairs are measured between meshes: leave it out"
+            )

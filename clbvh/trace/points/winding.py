@@ -121,7 +121,7 @@ class WindingTrees:
         with self._lock:
             put = self._put.get(instance)
             if put is None or put.mesh is not mesh or put.transform != transform:
-                tree = _fit(surface, self._host_trees.find(caster.world.state, geometry_id), instance)
+                tree = _fit(surface, self._host_trees.find(caster.world.state.shapes, geometry_id), instance)
                 buffers = {"nodes": upload(tree.nodes), "links": upload(tree.links), "corners": upload(tree.corners)}
                 self._put[instance] = put = _PutTree(mesh, transform, tree, buffers)
             return put.tree, put.buffers
