@@ -13,7 +13,6 @@ from clbvh.integrations.trimesh import CollisionManager
 TO = trimesh.transformations.translation_matrix
 BOX, BALL = trimesh.creation.box(), trimesh.creation.icosphere(2)
 TORUS = trimesh.creation.torus(1.0, 0.3)
-SIDES = 2 * np.eye(4)[:3]
 
 
 def draw_boxes(seed, count=24, far=5):
@@ -147,6 +146,47 @@ def test_a_solid_collides_with_what_is_inside_of_it_and_a_surface_does_not():
         assert not manager.in_collision_single(BALL, np.diag([0.1, 0.1, 0.1, 1]))
 
 
+def turn(number):
+    """Return a rotation."""
+    return trimesh.transformations.rotation_matrix(number, [1, 2, 3])
+
+
+@pytest.mark.parametrize("number", range(1, 7))
+def test_a_solid_is_around_turned_bodies_also_by_slivers(number):
+    manager = CollisionManager()
+    manager.add_object("box", BOX, turn(2 * number))
+    small = np.diag([0.45, 0.45, 0.45, 1])
+    assert manager.in_collision_single(BALL, turn(number) @ small)
+    assert manager.min_distance_single(BALL, turn(number) @ small) == pytest.approx(-0.945, abs=0.005)
+    # A corner halfway along an edge makes a face without area, or with one by rounding, of any normal.
+    start, end = BOX.face_adjacency_edges[0]
+    index = BOX.face_adjacency[0][0]
+    face = np.roll(BOX.faces[index], -next(k for k in range(3) if BOX.faces[index][k] not in (start, end)))
+    vertices = np.vstack([BOX.vertices, BOX.vertices[[start, end]].mean(axis=0)])
+    halves = [[face[0], face[1], 8], [face[0], 8, face[2]], [face[1], face[2], 8]]
+    jointed = trimesh.Trimesh(vertices, [*np.delete(BOX.faces, index, 0), *halves], process=False)
+    jointed.apply_transform(turn(number))
+    assert jointed.is_watertight
+    manager.add_object("box", jointed)
+    for place in product((-0.3, 0.3), repeat=3):
+        assert manager.in_collision_single(BALL, turn(number) @ TO(place) @ np.diag([0.05, 0.05, 0.05, 1]))
+
+
+def test_pieces_and_faces_without_area():
+    manager = CollisionManager()
+    manager.add_object("box", BOX)
+    ball = BALL.copy().apply_scale(0.1)
+    assert manager.in_collision_single(ball.copy().apply_translation([5, 0, 0]) + ball)
+    assert manager.in_collision_single(ball + ball.copy().apply_translation([5, 0, 0]))
+    far = trimesh.Trimesh(np.vstack([ball.vertices, [50, 0, 0]]), [*ball.faces, [162, 162, 162]], process=False)
+    assert manager.in_collision_single(far)
+    line = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0]], [[0, 1, 2]], process=False)
+    assert not manager.in_collision_single(line)
+    manager.add_object("line", line, TO([3, 0, 0]))
+    manager.add_object("ball", ball, TO([6, 0, 0]))
+    assert manager.min_distance_internal(return_names=True) == (pytest.approx(5.4, abs=0.01), ("ball", "box"))
+
+
 def test_changes_are_seen():
     manager = CollisionManager()
     assert manager.in_collision_internal(return_names=True, return_data=True) == (False, set(), [])
@@ -170,7 +210,7 @@ def test_changes_are_seen():
     for change in (
         manager.remove_object,
         manager.min_distance_internal,
-        lambda name: manager.set_transform(name, SIDES),
+        lambda name: manager.set_transform(name, np.eye(4)),
     ):
         with pytest.raises(ValueError, match="b not in collision manager"):
             change("b")
@@ -179,6 +219,14 @@ def test_changes_are_seen():
     with pytest.raises(MeshError):
         manager.add_object("c", trimesh.Trimesh())
     assert manager.min_distance_single((BOX.vertices, BOX.faces), TO([11, 0, 0])) == pytest.approx(1.0)
+
+
+def test_a_query_goes_on_while_another_thread_adds_meshes():
+    manager = fill(draw_boxes(2))
+    group = manager._gather()
+    manager.add_object("new", BALL)
+    assert manager.in_collision_internal()
+    assert len(group.find_collisions()) == len(fill(draw_boxes(2)).in_collision_internal(return_names=True)[1])
 
 
 def test_threads_ask_one_manager_about_other_meshes():

@@ -2,7 +2,7 @@
 
 #include "math/doubles.cl"
 #include "sampling/frame.cl"
-#include "sampling/sampler.cl"
+#include "sampling/quads.cl"
 #include "sampling/warps.cl"
 
 // A fixed-point number in the middle of its interval, between 0 and 1.
@@ -44,9 +44,9 @@ loop void draw_rays(
         frame_t frame = {0.0f, 0.0f, 0.0f};
         for (long ray = 0; ray < ray_count; ray++) {
             sobol_sampler_t sampler = make_sampler((uint)source, (uint)ray, seed);
-            const uint place = next_seed(&sampler);
-            const double share = as_unit_double(draw_number(&sampler, place, false));
-            const double across = as_unit_double(draw_number(&sampler, place, true));
+            uint numbers[4];
+            sample_quad(&sampler, numbers);
+            const double share = as_unit_double(numbers[0]), across = as_unit_double(numbers[1]);
             const long face = find_face(sums, first_face, face_end, share);
             const double before = face > first_face ? sums[face - 1] : 0.0;
             const double along = min(max((share - before) / (sums[face] - before), 0.0), 1.0);
@@ -60,7 +60,8 @@ loop void draw_rays(
             // Even over the triangle (Turk, "Generating random points in triangles", Graphics Gems, 1990).
             const double root = sqrt(along);
             const double3 origin = a + root * ((1.0 - across) * (b - a) + across * (c - a));
-            const float3 direction = from_frame(&frame, sample_hemisphere(sample_2d(&sampler)));
+            const float2 around = (float2)(as_unit_float(numbers[2]), as_unit_float(numbers[3]));
+            const float3 direction = from_frame(&frame, sample_hemisphere(around));
             const long row = 3 * ((source - first) * ray_count + ray);
             for (int axis = 0; axis < 3; axis++) {
                 origins[row + axis] = origin[axis];

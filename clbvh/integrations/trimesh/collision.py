@@ -47,9 +47,34 @@ class _Form:
         )
 
     @cached_property
+    def faces(self) -> NDArray[np.int32]:
+        """The faces that have an area, (n, 3): others count for nothing."""
+        return self.mesh.faces[self.mesh.face_normals.any(axis=1)]
+
+    @cached_property
     def corners(self) -> NDArray[np.float64]:
-        """The vertices that faces use, (n, 3)."""
-        return self.mesh.vertices[np.unique(self.mesh.faces)]
+        """The vertices of the faces, (n, 3)."""
+        return self.mesh.vertices[np.unique(self.faces)]
+
+    @cached_property
+    def pieces(self) -> NDArray[np.float64]:
+        """A vertex of each piece, (n, 3): pieces have no vertex in common."""
+        lowest = np.arange(len(self.mesh.vertices))
+        while True:
+            before = lowest.copy()
+            np.minimum.at(lowest, self.faces, lowest[self.faces].min(axis=1, keepdims=True))
+            lowest = lowest[lowest]
+            if (lowest == before).all():
+                return self.mesh.vertices[np.unique(lowest[self.faces])]
+
+    def is_around(self, point: NDArray[np.float64]) -> bool:
+        """Return whether a solid is around a point: by the angle that it fills there, which slivers do not change."""
+        a, b, c = (self.mesh.vertices[self.faces] - point).swapaxes(0, 1)
+        ab, bc, ca = ((one * other).sum(axis=1) for one, other in ((a, b), (b, c), (c, a)))
+        la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
+        # Half the angle of each face (van Oosterom and Strackee, "The solid angle of a plane triangle", 1983).
+        halves = np.arctan2((a * np.cross(b, c)).sum(axis=1), la * lb * lc + ab * lc + bc * la + ca * lb)
+        return bool(abs(halves.sum()) > np.pi)
 
 
 # By trimesh's hash of vertices and faces.
@@ -71,19 +96,19 @@ class _Body(NamedTuple):
             form = _forms[key] = _Form(mesh)
         return cls(form, matrix)
 
-    @property
-    def corners(self) -> NDArray[np.float64]:
-        """The vertices that faces use, (n, 3), in the world."""
-        return self.form.corners @ self.transform[:3, :3].T + self.transform[:3, 3]
+    def place(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points of the form in the world."""
+        return points @ self.transform[:3, :3].T + self.transform[:3, 3]
 
-    def is_around(self, other: _Body) -> bool:
-        """Return whether another body is inside of this one, which is solid; their surfaces do not touch."""
-        corners, mesh = other.corners, self.form.mesh
-        # Those on all sides: of a body outside, not all of them round to the inner side of every face.
-        extremes = corners[[*corners.argmin(axis=0), *corners.argmax(axis=0)]]
-        points = np.linalg.solve(self.transform[:3, :3], (extremes - self.transform[:3, 3]).T).T
-        limits = (mesh.vertices[mesh.faces[:, 0]] * mesh.face_normals).sum(axis=1)
-        return bool((points @ mesh.face_normals.T <= limits).all())
+    def find_inside(self, other: _Body) -> NDArray[np.float64] | None:
+        """Return a point of another body inside of this solid one, if there is one; their surfaces do not touch."""
+        placed = other.place(other.form.pieces)
+        points = np.linalg.solve(self.transform[:3, :3], (placed - self.transform[:3, 3]).T).T
+        lower, upper = self.form.corners.min(axis=0), self.form.corners.max(axis=0)
+        for number in np.flatnonzero(((points >= lower) & (points <= upper)).all(axis=1)):
+            if self.form.is_around(points[number]):
+                return placed[number]
+        return None
 
 
 class _Contact(NamedTuple):
@@ -192,31 +217,41 @@ class _Group(NamedTuple):
         with HostThreads() as threads:
             prim_ids = search.find_touches(threads).prim_ids
         is_colliding = prim_ids[:, 0] != NO_PRIM
-        # What does not touch collides where a solid body is around the other: so is its box.
-        is_solid = np.array([body.form.is_solid for body in self.bodies])
-        for outer, inner in (search.pairs.T, search.pairs.T[::-1]):
-            is_boxed = ((lower[outer] <= lower[inner]) & (upper[outer] >= upper[inner])).all(axis=1)
-            for pair in np.flatnonzero(is_solid[outer] & is_boxed & ~is_colliding):
-                is_colliding[pair] = self.bodies[outer[pair]].is_around(self.bodies[inner[pair]])
+        # What does not touch collides where a solid body is around a piece of the other.
+        for pair in np.flatnonzero(~is_colliding):
+            is_colliding[pair] = self.find_inside(search.pairs[pair]) is not None
         return [_Collision(search, int(pair), prim_ids[pair]) for pair in np.flatnonzero(is_colliding)]
 
-    def measure(self, collision: _Collision) -> _Contact:
-        """Return how deep two bodies are in each other, or where they touch."""
+    def find_inside(self, pair: NDArray[np.int64]) -> NDArray[np.float64] | None:
+        """Return a point of a body inside of the other one of a pair, if that is solid and there is one."""
+        one, other = (self.bodies[number] for number in pair)
+        point = one.find_inside(other) if one.form.is_solid else None
+        return other.find_inside(one) if point is None and other.form.is_solid else point
+
+    def measure(self, collision: _Collision, least: float = -1.0) -> _Contact | None:
+        """Return how deep two bodies are in each other, or where they touch; None unless deeper than the least."""
         search, pair, prim_ids = collision
-        one, other = (self.bodies[number] for number in search.pairs[pair])
+        bodies = search.pairs[pair]
+        one, other = (self.bodies[number] for number in bodies)
         if one.form.is_solid and other.form.is_solid:
-            overlap = measure_overlap(one.corners, other.corners)
-            return _Contact(search.pairs[pair], 0.0 - overlap.depth, overlap.points, normal=overlap.normal)
+            overlap = measure_overlap(one.place(one.form.corners), other.place(other.form.corners), least)
+            if overlap is None:
+                return None
+            return _Contact(bodies, 0.0 - overlap.depth, overlap.points, normal=overlap.normal)
+        if least >= 0:
+            return None
         if prim_ids[0] != NO_PRIM:
-            return _Contact(search.pairs[pair], 0.0, search.measure_pair(pair, prim_ids).points, prim_ids)
-        inner = other if one.form.is_solid else one
-        return _Contact(search.pairs[pair], 0.0, inner.corners[[0, 0]])
+            return _Contact(bodies, 0.0, search.measure_pair(pair, prim_ids).points, prim_ids)
+        return _Contact(bodies, 0.0, np.array([self.find_inside(bodies)] * 2))
 
     def find_nearest(self) -> _Contact | None:
         """Return where two bodies are nearest, or deepest in each other; None without a pair."""
         collisions = self.find_collisions()
         if collisions:
-            return min(map(self.measure, collisions), key=lambda contact: contact.distance)
+            deepest = None
+            for collision in collisions:
+                deepest = self.measure(collision, -1.0 if deepest is None else -deepest.distance) or deepest
+            return deepest
         # Neighbours along an axis are near enough that few others can be nearer.
         lower, upper = self.boxes
         order = np.argsort(lower + upper, axis=0)
@@ -241,8 +276,8 @@ class CollisionManager:
     """Meshes with names that are tested for collisions: the methods and results of `trimesh.collision`.
 
     A mesh that is closed, of one piece and convex is solid, any other is its surface, as in trimesh: bodies collide
-    where surfaces have a common point, and where a solid is around another body. Touching counts, exactly, and no
-    tolerance is added.
+    where surfaces have a common point, and where a solid is around a piece of another body. Touching counts, exactly,
+    and no tolerance is added.
 
     Meshes are read when they are added: one that changes later is added again. Any number of threads may ask; changes
     come before or after.
@@ -284,7 +319,7 @@ class CollisionManager:
         Parameters
         ----------
         name : any
-            Hashable.
+            Hashable; pairs of names are sorted.
         mesh : trimesh.Trimesh, or what `clbvh.build` takes
         transform : (4, 4) float, optional
             Where it is; in its own place without one.
@@ -303,7 +338,9 @@ class CollisionManager:
         >>> manager.in_collision_single(trimesh.creation.icosphere())
         True
         """
-        self._bodies[name] = _Body.read(mesh, transform)
+        body = _Body.read(mesh, transform)
+        with self._lock:
+            self._bodies[name] = body
 
     def remove_object(self, name: Any) -> None:
         """Remove a mesh by its name; `ValueError` if there is none.
@@ -318,8 +355,9 @@ class CollisionManager:
         >>> manager.in_collision_single(trimesh.creation.icosphere())
         False
         """
-        self._find(name)
-        del self._bodies[name]
+        with self._lock:
+            self._find(name)
+            del self._bodies[name]
 
     def set_transform(self, name: Any, transform: ArrayLike) -> None:
         """Move a mesh; arguments and errors are those of `add_object`, and `ValueError` for an unknown name.
@@ -334,7 +372,9 @@ class CollisionManager:
         >>> manager.min_distance_single(trimesh.creation.box())
         1.0
         """
-        self._bodies[name] = self._find(name)._replace(transform=check_transform(transform))
+        matrix = check_transform(transform)
+        with self._lock:
+            self._bodies[name] = self._find(name)._replace(transform=matrix)
 
     def in_collision_single(
         self, mesh: Any, transform: ArrayLike | None = None, return_names: bool = False, return_data: bool = False
@@ -522,7 +562,7 @@ def _tell_collisions(group: _Group, name: Callable[[list[Any]], Any], return_nam
     if return_names:
         answer.append({name(group.names_of(collision.bodies)) for collision in collisions})
     if return_data:
-        contacts = map(group.measure, collisions)
+        contacts = filter(None, map(group.measure, collisions))
         answer.append([contact.as_contact(group.names_of(contact.bodies)) for contact in contacts])
     return tuple(answer) if len(answer) > 1 else answer[0]
 

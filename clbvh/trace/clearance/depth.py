@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 
 from ...errors import ConfigError
 
-# Ways that differ by this share of the bodies' size are equally short.
+# Of the bodies' size: a body that is thinner is flat, a face that is nearer by less need not grow.
 _TOLERANCE = 2.0**-40
+
+# Of the bodies' size: ways that differ by less are equally short.
+_TIE = 2.0**-50
 
 # Faces of a hull that grow in one step.
 _MOST_FACES = 256
@@ -42,18 +45,20 @@ class Overlap(NamedTuple):
     points: NDArray[np.float64]
 
 
-def measure_overlap(one: NDArray[np.float64], other: NDArray[np.float64]) -> Overlap:
+def measure_overlap(one: NDArray[np.float64], other: NDArray[np.float64], least: float = -1.0) -> Overlap | None:
     """Return the shortest way that parts two convex bodies that touch or overlap.
 
     Parameters
     ----------
     one, other : (m, 3) and (n, 3) float64
         Their corners, and maybe points between them.
+    least : float, optional
+        A depth: bodies that are not deeper are not measured.
 
     Returns
     -------
-    Overlap
-        Exact but for roundings, about 1e-15 of the coordinates.
+    Overlap or None
+        Exact but for roundings, about 1e-14 of the bodies' size; None if it is not deeper than the least.
 
     Raises
     ------
@@ -66,34 +71,44 @@ def measure_overlap(one: NDArray[np.float64], other: NDArray[np.float64]) -> Ove
     except ImportError as error:
         raise ConfigError("the depth of a collision needs SciPy: run 'pip install scipy'") from error
     centre = one.mean(axis=0)
-    one, other = one - centre, other - centre
     size = float(np.ptp(one, axis=0).max() + np.ptp(other, axis=0).max())
+    one, other = (one - centre) / size, (other - centre) / size
     _, spreads, axes = np.linalg.svd(np.concatenate((one, other - other.mean(axis=0))), full_matrices=False)
-    is_flat = spreads[-1] <= _TOLERANCE * size
-    ways = axes[-1:] if is_flat else _FIRST_WAYS / np.linalg.norm(_FIRST_WAYS, axis=1, keepdims=True)
-    known_ways, known_widths, differences = np.empty((0, 3)), np.empty(0), np.empty((0, 3))
+    is_flat = spreads[-1] <= _TOLERANCE
+    if is_flat:
+        ways = axes[-1:]
+    else:
+        # Those of boxes; and others that meet slender bodies on all sides.
+        ways = np.concatenate((_FIRST_WAYS, _FIRST_WAYS / spreads @ axes))
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    known_ways, known_widths, hull = np.empty((0, 3)), np.empty(0), None
     while len(ways):
         reach = one[(one @ ways.T).argmax(axis=0)] - other[(other @ ways.T).argmin(axis=0)]
         known_ways = np.concatenate((known_ways, ways))
         known_widths = np.concatenate((known_widths, (reach * ways).sum(axis=1)))
-        differences = np.unique(np.concatenate((differences, reach)), axis=0)
+        if known_widths.min() * size <= least:
+            return None
         if is_flat:
             break  # across both, nothing is in the way
+        if hull is None:
+            hull = ConvexHull(np.unique(reach, axis=0), incremental=True)
+        else:
+            hull.add_points(np.unique(reach, axis=0))
         # No way is shorter than the hull's nearest face: a face that is farther than a known way need not grow.
-        faces = ConvexHull(differences).equations
-        faces = faces[-faces[:, 3] < known_widths.min() - _TOLERANCE * size]
+        faces = hull.equations
+        faces = faces[-faces[:, 3] < known_widths.min() - _TOLERANCE]
         ways = faces[np.argsort(-faces[:, 3])[:_MOST_FACES], :3]
-    shortest = np.flatnonzero(known_widths <= known_widths.min() + _TOLERANCE * size)
+    shortest = np.flatnonzero(known_widths <= known_widths.min() + _TIE)
     shortest = shortest[np.lexsort(known_ways[shortest].round(9).T[::-1])[0]]
     depth, normal = max(float(known_widths[shortest]), 0.0), known_ways[shortest] + 0.0  # no -0.0
     # The corners that lie deepest, of either, and a mean of each that are right across.
     pieces = [
-        points[heights >= heights.max() - _TOLERANCE * size]
+        points[heights >= heights.max() - _TOLERANCE]
         for points, heights in ((one, one @ normal), (other, -(other @ normal)))
     ]
     counts = [len(piece) for piece in pieces]
-    across = np.concatenate((pieces[0], -pieces[1])).T / size
+    across = np.concatenate((pieces[0], -pieces[1])).T
     sums = np.repeat(np.eye(2), counts, axis=0).T
-    shares, _ = nnls(np.concatenate((across, sums)), np.append(normal * depth / size, (1.0, 1.0)))
+    shares, _ = nnls(np.concatenate((across, sums)), np.append(normal * depth, (1.0, 1.0)))
     points = [own @ piece for own, piece in zip(np.split(shares, counts[:1]), pieces, strict=True)]
-    return Overlap(depth, normal, np.array(points) + centre)
+    return Overlap(depth * size, normal, np.array(points) * size + centre)

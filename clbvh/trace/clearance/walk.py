@@ -86,7 +86,8 @@ class HostTrees:
         with self._lock:
             self._renew(shapes, np.unique(geometry_ids).tolist())
             if self._joined is None or len(self._joined.first_node) < len(shapes):
-                self._joined = self._join(len(shapes))
+                # Another thread may know of more geometries.
+                self._joined = self._join(max(len(shapes), *self._trees, 0) + 1)
             return self._joined
 
     def _renew(self, shapes: Sequence[Shape], geometry_ids: list[int]) -> None:

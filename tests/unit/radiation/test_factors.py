@@ -70,6 +70,19 @@ def test_factors_are_those_of_formulas(session, shapes, exact):
     assert (found.ungrouped == 0).all()
 
 
+@pytest.mark.parametrize(
+    ("shapes", "exact"),
+    [(PARALLEL, 0.1998248957), (PERPENDICULAR, 0.2000437761), (BEHIND_A_PLATE, 0.282833)],
+    ids=["parallel squares", "perpendicular squares", "behind a plate"],
+)
+def test_errors_are_less_than_half_of_those_of_independent_rays(session, shapes, exact):
+    mesh, groups = join(*shapes)
+    with clbvh.Tracer(mesh, device=session.info) as tracer:
+        found = [view_factors(tracer, 1 << 14, groups, seed=seed).to_dense() for seed in range(12)]
+    errors = np.array([[each[0, 1], each[1, 0]] for each in found]) - exact
+    assert np.sqrt((errors**2).mean()) < 0.5 * math.sqrt(exact * (1 - exact) / (1 << 14))
+
+
 def test_a_sphere_sees_itself_by_area_and_nothing_else(session):
     inside = clbvh.make_shape("icosphere", triangles=320)
     inside = clbvh.Mesh.from_arrays(inside.vertices, inside.faces[:, ::-1])

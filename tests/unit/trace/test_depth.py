@@ -46,6 +46,23 @@ def test_the_depth_is_that_of_all_differences(size):
     assert found > 30
 
 
+@pytest.mark.parametrize("aspect", [0.3, 0.1, 0.01, 1e-3])
+def test_slender_bodies(aspect):
+    octahedron = np.concatenate((np.eye(3), -np.eye(3))) * [aspect, aspect, 1]
+    for number in range(1, 30):
+        turn = trimesh.transformations.rotation_matrix(number, [1, 2, 3])[:3, :3]
+        one, other = octahedron @ turn.T, octahedron @ turn.T + 0.2 * aspect * turn[:, 0]
+        differences = (one[:, None] - other).reshape(-1, 3)
+        depth = -ConvexHull(differences).equations[:, 3].max()
+        assert measure_overlap(one, other).depth == pytest.approx(depth, rel=1e-9)
+
+
+def test_bodies_that_are_not_deeper_than_a_least_depth_are_not_measured():
+    assert measure_overlap(BOX, BOX + np.array([0.75, 0, 0]), 0.3) is None
+    assert measure_overlap(BOX, BOX + np.array([0.75, 0, 0]), 0.2).depth == pytest.approx(0.25)
+    assert measure_overlap(1e80 * BOX, 1e80 * BOX).depth == pytest.approx(1e80)
+
+
 def test_of_equally_short_ways_the_first_is_taken():
     overlap = measure_overlap(BOX, BOX)
     assert overlap.depth == 1.0
