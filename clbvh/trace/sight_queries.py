@@ -28,6 +28,9 @@ _ROUNDING = 2.0**-48
 
 _MOST_SAMPLES = 1 << 16
 
+# Samples of faces that are worth a call.
+_FEW = 1 << 14
+
 # Steps of the sequence R2 (Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018).
 _STEP_U, _STEP_V = 0.7548776662466927, 0.5698402909980532
 
@@ -119,10 +122,10 @@ class SightQueries(RayQueries):
         self, eye: ArrayLike | Camera, samples: int = 16, *, width: int | None = None, height: int | None = None,
         side: str | None = None,
     ) -> Hits:  # fmt: skip
-        """Return the faces that an eye or a camera sees, as hits: the first visible one of the samples of each face.
+        """Return the faces that an eye or a camera sees, as hits, each where it is seen.
 
-        `Hits.prim_id`, and in scenes `Hits.instance_id`, name the faces, instance after instance, in their order. Also
-        faces smaller than a pixel are found.
+        `Hits.prim_id`, and in scenes `Hits.instance_id`, name the faces, instance after instance, in their order. Faces
+        smaller than a pixel are found by their samples, and those that a camera sees also by its pixels.
 
         Parameters
         ----------
@@ -130,7 +133,7 @@ class SightQueries(RayQueries):
         samples : int, optional
             Points of a face, spread evenly, the centroid first: a face of which none is visible is missing.
         width, height : int, optional
-            The picture of a camera, see `Camera.rays`.
+            The picture of a camera; one without a lens needs both, see `Camera.rays`.
         side : str, optional
             ``"front"`` or ``"back"`` of faces alone.
 
@@ -140,6 +143,8 @@ class SightQueries(RayQueries):
             The eye is no point, or the tracer has spheres.
         ConfigError
             The samples are out of range, or there is no such side.
+        SceneError
+            The camera has no picture of this size.
 
         Examples
         --------
@@ -158,20 +163,36 @@ class SightQueries(RayQueries):
         # Faces without area are never seen, nor are those that a mask of 0 removes.
         normals = np.asarray(place_points(surface, prims, (1 / 3, 1 / 3), instances).normals)
         is_left = np.isfinite(normals).all(axis=-1) & (self._caster.world.state.masks[instances] != 0)
-        found_u, found_v = np.full(len(prims), np.nan), np.full(len(prims), np.nan)
-        left = np.flatnonzero(is_left)
-        for sample in range(int(samples)):
-            u, v = _spread(sample)
-            points = place_points(surface, prims[left], (u, v), instances[left])
+        places = np.full((len(prims), 2), np.nan)
+        if isinstance(eye, Camera):
+            # Of a large face all samples may be outside of the picture.
+            hits = self._hit_pixels(eye, width, height, side)
+            owners = np.zeros(1, np.int64) if hits.instance_id is None else hits.instance_id
+            places[np.searchsorted(instances, owners) + hits.prim_id] = np.column_stack((hits.u, hits.v))
+        left, sample = np.flatnonzero(is_left & np.isnan(places[:, 0])), 0
+        while len(left) and sample < samples:
+            # Few faces are asked about several samples at once.
+            chosen = np.array([_spread(each) for each in range(sample, min(samples, sample + 1 + _FEW // len(left)))])
+            points = place_points(surface, prims[left, None], chosen, instances[left, None])
             if isinstance(eye, Camera):
                 is_visible = self._is_in_picture(points, eye, width, height, side)
             else:
                 is_visible = self.line_of_sight(points, eye, side=side)
-            found_u[left[is_visible]], found_v[left[is_visible]] = u, v
-            left = left[~is_visible]
-        is_found = np.isfinite(found_u)
-        weights = np.column_stack((found_u, found_v))[is_found]
-        return place_points(surface, prims[is_found], weights, instances[is_found])
+            is_found = is_visible.any(axis=1)
+            places[left[is_found]] = chosen[is_visible[is_found].argmax(axis=1)]
+            left, sample = left[~is_found], sample + len(chosen)
+        is_seen = np.isfinite(places[:, 0])
+        return place_points(surface, prims[is_seen], places[is_seen], instances[is_seen])
+
+    def _hit_pixels(self, camera: Camera, width: int | None, height: int | None, side: str | None) -> Hits:
+        """Return a hit for each face that a pixel of a camera shows."""
+        hits = self.closest_hit(*camera.rays(width, height))
+        is_shown = hits.is_hit & camera.sees(width, height)
+        if side is not None and hits.is_front is not None:
+            is_shown &= hits.is_front == (side == "front")
+        hits = hits[is_shown]
+        keys = hits.prim_id if hits.instance_id is None else np.stack((hits.instance_id, hits.prim_id), axis=-1)
+        return hits[np.unique(keys, axis=0, return_index=True)[1]]
 
     def _is_in_picture(
         self, points: Hits, camera: Camera, width: int | None, height: int | None, side: str | None
@@ -180,9 +201,8 @@ class SightQueries(RayQueries):
         columns, rows = camera.size_for(width, height)
         pixels, _ = camera.project(points.locations, columns, rows)
         is_inside = np.asarray((pixels >= 0).all(axis=-1) & (pixels <= (columns, rows)).all(axis=-1))  # NaN is not
-        inside = np.flatnonzero(is_inside)
-        starts, _ = camera.rays_at(pixels[inside], columns, rows)
-        is_inside[inside] = self.line_of_sight(points.take(inside), starts, side=side)
+        starts, _ = camera.rays_at(pixels[is_inside], columns, rows)
+        is_inside[is_inside] = self.line_of_sight(points[is_inside], starts, side=side)
         return is_inside
 
 
@@ -208,7 +228,7 @@ class _Leaving(NamedTuple):
 
     def lift(self, is_front: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return where the lines begin."""
-        return np.where(is_front[:, None], self.front, self.back)
+        return self.front if self.front is self.back else np.where(is_front[:, None], self.front, self.back)
 
     def sees(self, side: str | None) -> NDArray[np.bool_]:
         """Return which lines a side lets through."""
@@ -224,8 +244,7 @@ class _End:
         self.shape = positions.shape[:-1]
         self.count = math.prod(self.shape)
         self.positions = np.asarray(positions, np.float64).reshape(-1, 3)
-        self._front = self._back = self.positions
-        self._normals, self._rounding = np.zeros((self.count, 3)), np.zeros(self.count)
+        self._is_free = hits is None
         if hits is None:
             return
         normals = np.asarray(hits.normals).reshape(-1, 3)
@@ -250,7 +269,11 @@ class _End:
 
     def leave(self, numbers: NDArray[np.int64], ways: NDArray[np.float64]) -> _Leaving:
         """Return lines from points, which lead along `ways`."""
-        normals, positions = self._normals[numbers], self.positions[numbers]
+        positions = self.positions[numbers]
+        if self._is_free:
+            everywhere = np.ones(len(numbers), np.bool_)
+            return _Leaving(np.zeros((len(numbers), 3)), positions, positions, everywhere, everywhere)
+        normals = self._normals[numbers]
         heights = np.einsum("ij,ij->i", normals, ways)
         lengths = np.abs(ways).max(axis=1)
         room = _ROUNDING * (np.abs(positions).max(axis=1) + lengths) + self._rounding[numbers] * lengths
