@@ -25,6 +25,7 @@ from ..trace.hits.surface import Surface
 from ..trace.points.ambient_occlusion import check_sampling
 from ..trace.rays.pieces import Progress
 from ..trace.tracer import Tracer
+from .sky import check_tracer
 
 _LOOPS = Loops("radiation/rays")
 
@@ -153,6 +154,8 @@ def view_factors(
     The same seed gives the same factors on every device. Besides the result, memory does not grow with the number of
     rays. Instances with a mask of 0 neither emit nor obstruct.
 
+    Faces that lie on each other see past each other, as the two sides of a sheet do: see docs/radiation.md.
+
     Rays begin above their face, by what float32 rounds (see `Hits.offset_origins`): at most 1e-5 of the largest side of
     the box around everything. A narrower gap between faces is not seen.
 
@@ -168,6 +171,7 @@ def view_factors(
     >>> factors.factor.round(2), factors.sky.round(2)
     (array([0.2, 0.2]), array([0.8, 0.8]))
     """
+    check_tracer(tracer)
     rays, seed, _ = check_sampling(rays, seed, 0, most_rays=_RAYS_AT_ONCE)
     if not isinstance(sides, str) or sides not in SIDES:
         raise ConfigError(f"sides must be one of {', '.join(SIDES)}, not {sides!r}")
@@ -313,7 +317,8 @@ def _read_groups(groups: ArrayLike | None, count: int) -> NDArray[np.int32] | No
     except ValueError:  # lists of different lengths
         labels = np.empty(0)
     if labels.shape != (count,) or (count and labels.dtype.kind not in "iu"):
-        raise QueryError(f"groups must be an integer for each of the {count} faces, not {shorten(groups)}")
+        given = f"{labels.dtype} of shape {labels.shape}, {shorten(groups)}"
+        raise QueryError(f"groups must be an integer for each of the {count} faces, not {given}")
     if count and not -1 <= labels.min() <= labels.max() < count:
         raise QueryError(f"groups must be numbers from -1 to {count - 1}, not {labels.min()} to {labels.max()}")
     return np.ascontiguousarray(labels, np.int32)

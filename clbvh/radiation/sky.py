@@ -89,7 +89,8 @@ def sky_view(
     ----------
     tracer : Tracer
     points : (..., 3) float, Hits or ClosestPoints
-        Points on a surface, as of `Tracer.points_on`, are left on the side of their normals without meeting it.
+        Points on a surface, as of `Tracer.points_on`, are left on the side of their normals without meeting it. Bare
+        coordinates are points in the air: on a surface, they would be hidden by it.
     normals : (..., 3) float, optional
         Of the surface at each point, broadcast. Those of the hits or closest points, or `up`, without them.
     rays : int, optional
@@ -127,6 +128,7 @@ def sky_view(
     ...     clbvh.radiation.sky_view(tracer, [[0, 0, 0]]).round(2)
     array([0.2])
     """
+    check_tracer(tracer)
     zenith = _read_axis(up, "up")
     if directions is None:
         directions = _spread_around(zenith, check_sampling(rays, 0, 0, most_rays=_RAYS_AT_ONCE)[0])
@@ -189,6 +191,7 @@ def sun_hours(
     ...     clbvh.radiation.sun_hours(tracer, tracer.points_on([0, 1]), suns, weights=[3, 2, 1, 1])
     array([5., 5.])
     """
+    check_tracer(tracer)
     suns = _read_directions(directions)
     hours = _read_weights(weights, len(suns), "weights")
     origins, facing, shape = _read_points(points, normals, None)
@@ -247,6 +250,7 @@ def horizon(
     ...     clbvh.radiation.horizon(tracer, [0, 0, 0], [0, 60, 180]).round(1)
     array([45. , 26.6,  0. ])
     """
+    check_tracer(tracer)
     for name, value, most in (("step", step, _ZENITH), ("tolerance", tolerance, step)):
         if not (isinstance(value, Real) and _LEAST_ANGLE <= value <= most):
             raise ConfigError(f"{name} must be from {_LEAST_ANGLE:g} to {most:g} degrees, not {value!r}")
@@ -289,6 +293,12 @@ def horizon(
         if progress is not None:
             progress(done, whole)
     return answers.reshape(*shape, len(level))
+
+
+def check_tracer(tracer: Any) -> None:
+    """Raise `QueryError` unless this casts rays: a mesh does not."""
+    if not hasattr(tracer, "any_hit"):
+        raise QueryError(f"tracer must be a clbvh.Tracer, not {type(tracer).__name__}: open one, clbvh.Tracer(mesh)")
 
 
 def _sum_seen(
