@@ -204,7 +204,7 @@ def test_what_does_not_fit_is_refused(session):
         ]:
             with pytest.raises(error, match=words):
                 view_factors(tracer, **options)
-    with pytest.raises(clbvh.QueryError, match="tracer must be .*, not Mesh"):
+    with pytest.raises(clbvh.QueryError, match="not Mesh"):
         view_factors(mesh)
     with clbvh.Tracer(clbvh.Spheres([[0, 0, 0]], 1.0)) as tracer, pytest.raises(clbvh.QueryError, match="spheres"):
         view_factors(tracer)
