@@ -103,7 +103,7 @@ class SightQueries(RayQueries):
         for begin in range(0, count, _RAYS_AT_ONCE):
             part = slice(begin, min(count, begin + _RAYS_AT_ONCE))
             here, there = (number.flat[part] for number in numbers)
-            ways = ends[1].positions[there] - ends[0].positions[here]
+            ways = ends[1].positions.take(there, axis=0) - ends[0].positions.take(here, axis=0)
             is_same = (ways == 0).all(axis=1)
             leaving, arriving = ends[0].leave(here, ways), ends[1].leave(there, -ways)
             # Along one plane both ends are on one side of it, also where its faces are turned.
@@ -269,15 +269,15 @@ class _End:
 
     def leave(self, numbers: NDArray[np.int64], ways: NDArray[np.float64]) -> _Leaving:
         """Return lines from points, which lead along `ways`."""
-        positions = self.positions[numbers]
+        positions = self.positions.take(numbers, axis=0)
         if self._is_free:
             everywhere = np.ones(len(numbers), np.bool_)
             return _Leaving(np.zeros((len(numbers), 3)), positions, positions, everywhere, everywhere)
-        normals = self._normals[numbers]
+        normals, front, back = (each.take(numbers, axis=0) for each in (self._normals, self._front, self._back))
         heights = np.einsum("ij,ij->i", normals, ways)
         lengths = np.abs(ways).max(axis=1)
         room = _ROUNDING * (np.abs(positions).max(axis=1) + lengths) + self._rounding[numbers] * lengths
-        return _Leaving(normals, self._front[numbers], self._back[numbers], heights >= -room, np.abs(heights) <= room)
+        return _Leaving(normals, front, back, heights >= -room, np.abs(heights) <= room)
 
 
 def _bound_rounding(hits: Hits) -> NDArray[np.float64]:

@@ -211,7 +211,7 @@ def _wind(
             if is_seen.any():
                 tree, buffers = trees.find(caster, instance)
                 windings = np.empty(end - begin, np.float32)
-                windings[order] = _ask(call, buffers, tree.to_local(points[order]), accuracy)
+                windings[order] = _ask(call, buffers, tree.to_local(points.take(order, axis=0)), accuracy)
                 yield instance, np.where(is_seen, windings, np.float32(0))
 
     def work(call: Call) -> None:
