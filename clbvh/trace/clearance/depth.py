@@ -65,50 +65,69 @@ def measure_overlap(one: NDArray[np.float64], other: NDArray[np.float64], least:
     ConfigError
         SciPy is not installed.
     """
-    try:
-        from scipy.optimize import nnls  # type: ignore[import-untyped]
-        from scipy.spatial import ConvexHull  # type: ignore[import-untyped]
-    except ImportError as error:
-        raise ConfigError("the depth of a collision needs SciPy: run 'pip install scipy'") from error
     centre = one.mean(axis=0)
     size = float(np.ptp(one, axis=0).max() + np.ptp(other, axis=0).max())
     one, other = (one - centre) / size, (other - centre) / size
+    found = _find_shortest(one, other, least / size)
+    if found is None:
+        return None
+    depth, normal = found
+    return Overlap(depth * size, normal, _find_deepest(one, other, depth, normal) * size + centre)
+
+
+def _find_shortest(
+    one: NDArray[np.float64], other: NDArray[np.float64], least: float
+) -> tuple[float, NDArray[np.float64]] | None:
+    """Return how far it is along the shortest way, and its direction; None if it is not farther than the least."""
     _, spreads, axes = np.linalg.svd(np.concatenate((one, other - other.mean(axis=0))), full_matrices=False)
     is_flat = spreads[-1] <= _TOLERANCE
     if is_flat:
         ways = axes[-1:]
     else:
-        # Those of boxes; and others that meet slender bodies on all sides.
-        ways = np.concatenate((_FIRST_WAYS, _FIRST_WAYS / spreads @ axes))
+        # Those of boxes, and those along the bodies, which meet slender ones on all sides.
+        ways = np.concatenate((_FIRST_WAYS, _FIRST_WAYS @ axes))
         ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    known_ways, known_widths, hull = np.empty((0, 3)), np.empty(0), None
+    known_ways, known_widths, corners = np.empty((0, 3)), np.empty(0), np.empty((0, 3))
     while len(ways):
         reach = one[(one @ ways.T).argmax(axis=0)] - other[(other @ ways.T).argmin(axis=0)]
         known_ways = np.concatenate((known_ways, ways))
         known_widths = np.concatenate((known_widths, (reach * ways).sum(axis=1)))
-        if known_widths.min() * size <= least:
+        if known_widths.min() <= least:
             return None
-        if is_flat:
-            break  # across both, nothing is in the way
-        if hull is None:
-            hull = ConvexHull(np.unique(reach, axis=0), incremental=True)
-        else:
-            hull.add_points(np.unique(reach, axis=0))
+        before, corners = len(corners), np.unique(np.concatenate((corners, reach)), axis=0)
+        if is_flat or len(corners) == before:
+            break  # across two flat bodies, nothing is in the way
         # No way is shorter than the hull's nearest face: a face that is farther than a known way need not grow.
-        faces = hull.equations
+        faces = _find_faces(corners)
         faces = faces[-faces[:, 3] < known_widths.min() - _TOLERANCE]
         ways = faces[np.argsort(-faces[:, 3])[:_MOST_FACES], :3]
     shortest = np.flatnonzero(known_widths <= known_widths.min() + _TIE)
-    shortest = shortest[np.lexsort(known_ways[shortest].round(9).T[::-1])[0]]
-    depth, normal = max(float(known_widths[shortest]), 0.0), known_ways[shortest] + 0.0  # no -0.0
-    # The corners that lie deepest, of either, and a mean of each that are right across.
-    pieces = [
-        points[heights >= heights.max() - _TOLERANCE]
-        for points, heights in ((one, one @ normal), (other, -(other @ normal)))
-    ]
+    first = shortest[np.lexsort(known_ways[shortest].round(9).T[::-1])[0]]
+    return max(float(known_widths[first]), 0.0), known_ways[first] + 0.0  # no -0.0
+
+
+def _find_faces(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the faces of the hull of points, (n, 4): their unit normals, and minus their distances from the origin."""
+    try:
+        from scipy.spatial import ConvexHull, QhullError  # type: ignore[import-untyped]
+    except ImportError as error:
+        raise ConfigError("the depth of a collision needs SciPy: run 'pip install scipy'") from error
+    try:
+        return np.asarray(ConvexHull(corners).equations)
+    except QhullError:  # points that it cannot order in float64 are moved a little
+        return np.asarray(ConvexHull(corners, qhull_options="QJ").equations)
+
+
+def _find_deepest(
+    one: NDArray[np.float64], other: NDArray[np.float64], depth: float, normal: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the deepest point of each, (2, 3), across from each other: means of the corners that lie deepest."""
+    from scipy.optimize import nnls  # type: ignore[import-untyped]
+
+    heights = one @ normal, -(other @ normal)
+    pieces = [own[each >= each.max() - _TOLERANCE] for own, each in zip((one, other), heights, strict=True)]
     counts = [len(piece) for piece in pieces]
     across = np.concatenate((pieces[0], -pieces[1])).T
     sums = np.repeat(np.eye(2), counts, axis=0).T
     shares, _ = nnls(np.concatenate((across, sums)), np.append(normal * depth, (1.0, 1.0)))
-    points = [own @ piece for own, piece in zip(np.split(shares, counts[:1]), pieces, strict=True)]
-    return Overlap(depth * size, normal, np.array(points) * size + centre)
+    return np.array([own @ piece for own, piece in zip(np.split(shares, counts[:1]), pieces, strict=True)])
