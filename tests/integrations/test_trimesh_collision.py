@@ -182,6 +182,7 @@ def test_pieces_and_faces_without_area():
     assert manager.in_collision_single(far)
     line = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0]], [[0, 1, 2]], process=False)
     assert not manager.in_collision_single(line)
+    assert not manager.in_collision_single(trimesh.Trimesh(BOX.vertices * [0.3, 0, 0], BOX.faces, process=False))
     manager.add_object("line", line, TO([3, 0, 0]))
     manager.add_object("ball", ball, TO([6, 0, 0]))
     assert manager.min_distance_internal(return_names=True) == (pytest.approx(5.4, abs=0.01), ("ball", "box"))

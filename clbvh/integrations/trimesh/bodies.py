@@ -36,7 +36,8 @@ class Form:
         self.mesh = Mesh.from_arrays(mesh.vertices, mesh.faces)
         # `mesh.is_convex` needs scipy or networkx to count the pieces. Each convex one adds 2 to the Euler number.
         self.is_solid = bool(
-            mesh.is_watertight
+            len(self.faces)
+            and mesh.is_watertight
             and mesh.euler_number == 2
             and mesh.face_adjacency_projections.max(initial=-np.inf) < trimesh.tol.planar * mesh.scale
         )
