@@ -53,7 +53,8 @@ class SightQueries(RayQueries):
         ----------
         a, b : (..., 3) float, Hits or ClosestPoints
             Broadcast: ``line_of_sight(points[:, None], points)`` asks about all pairs. The surfaces on which hits and
-            closest points are do not hide them, nor do others there: see `Hits.offset_origins`.
+            closest points are do not hide them, nor do others there: see `Hits.offset_origins`. Closest points get
+            another shape by `as_hits`: ``closest.as_hits()[:, None]``.
         side : str, optional
             ``"front"``: hits and closest points see only what is in front of their surfaces, as those of closed meshes
             do. ``"back"``: behind them. Both sides without it. Along its surface, a point sees on every side.
@@ -177,7 +178,7 @@ class SightQueries(RayQueries):
             if isinstance(eye, Camera):
                 is_visible = self._is_in_picture(points, eye, width, height, side)
             else:
-                is_visible = self.line_of_sight(points, eye, side=side)
+                is_visible = self._sees_faces(points, np.asarray(place), side)
             is_found = is_visible.any(axis=1)
             places[left[is_found]] = chosen[is_visible[is_found].argmax(axis=1)]
             left, sample = left[~is_found], sample + len(chosen)
@@ -202,8 +203,15 @@ class SightQueries(RayQueries):
         pixels, _ = camera.project(points.locations, columns, rows)
         is_inside = np.asarray((pixels >= 0).all(axis=-1) & (pixels <= (columns, rows)).all(axis=-1))  # NaN is not
         starts, _ = camera.rays_at(pixels[is_inside], columns, rows)
-        is_inside[is_inside] = self.line_of_sight(points[is_inside], starts, side=side)
+        is_inside[is_inside] = self._sees_faces(points[is_inside], starts, side)
         return is_inside
+
+    def _sees_faces(self, points: Hits, starts: NDArray[np.float64], side: str | None) -> NDArray[np.bool_]:
+        """Return which points of faces are seen from places; of a face from its edge, nothing is."""
+        ways = starts - points.locations
+        heights = np.abs(np.einsum("...i,...i->...", np.asarray(points.normals), ways))
+        room = _ROUNDING * (np.abs(starts).max(axis=-1) + np.abs(ways).max(axis=-1))
+        return self.line_of_sight(points, starts, side=side) & (heights > room)
 
 
 def as_hits(points: Any) -> Hits | None:

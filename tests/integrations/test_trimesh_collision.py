@@ -1,5 +1,6 @@
 """Collisions and distances of trimesh's meshes: boxes by formula, surfaces against a tracer, and changes."""
 
+import time
 from itertools import combinations, product
 from threading import Thread
 
@@ -8,7 +9,7 @@ import pytest
 import trimesh
 
 from clbvh import MeshError, Scene, SceneError, Tracer
-from clbvh.integrations.trimesh import CollisionManager
+from clbvh.integrations.trimesh import CollisionManager, bodies
 
 TO = trimesh.transformations.translation_matrix
 BOX, BALL = trimesh.creation.box(), trimesh.creation.icosphere(2)
@@ -186,6 +187,17 @@ def test_pieces_and_faces_without_area():
     manager.add_object("line", line, TO([3, 0, 0]))
     manager.add_object("ball", ball, TO([6, 0, 0]))
     assert manager.min_distance_internal(return_names=True) == (pytest.approx(5.4, abs=0.01), ("ball", "box"))
+
+
+def test_pieces_are_found_in_a_few_rounds():
+    count = 25_000
+    numbers = np.random.default_rng(1).permutation(2 * count)
+    strip = np.column_stack([range(2 * count - 2), range(1, 2 * count - 1), range(2, 2 * count)])
+    vertices = np.column_stack([np.arange(2 * count) // 2, np.arange(2 * count) % 2, np.zeros(2 * count)])
+    mesh = trimesh.Trimesh(vertices[np.argsort(numbers)], numbers[strip], process=False)
+    begin = time.process_time()
+    assert len(bodies.Form(mesh).pieces) == 1
+    assert time.process_time() - begin < 5  # 37 s where labels go one face in a round
 
 
 def test_changes_are_seen():

@@ -28,6 +28,9 @@ from .tracers import read_mesh
 
 _NO_PRIMS = np.full(2, NO_PRIM, np.int32)
 
+# Faces that are asked first whether a point is beyond them, and by how much of the mesh's size it has to be.
+_MOST_PLANES, _SLACK = 100, 1e-2
+
 
 class Form:
     """A mesh as it was when it was read: objects that are alike share it."""
@@ -57,11 +60,32 @@ class Form:
         """A vertex of each piece, (n, 3): pieces have no vertex in common."""
         lowest = np.arange(len(self.mesh.vertices))
         while True:
-            before = lowest.copy()
-            np.minimum.at(lowest, self.faces, lowest[self.faces].min(axis=1, keepdims=True))
+            before, labels = lowest.copy(), lowest[self.faces]
+            # Of the labels as well as of the vertices: else a label goes one face in a round.
+            for numbers in (labels, self.faces):
+                np.minimum.at(lowest, numbers, labels.min(axis=1, keepdims=True))
             lowest = lowest[lowest]
             if (lowest == before).all():
                 return self.mesh.vertices[np.unique(lowest[self.faces])]
+
+    @cached_property
+    def planes(self) -> list[tuple[NDArray[np.float64], float]]:
+        """Normals, and how far along each a point may be at most to be inside: of the box, and of the largest faces."""
+        corners = self.mesh.vertices[self.faces]
+        edges = corners - np.roll(corners, 1, axis=1)
+        ways = np.cross(edges[:, 1], edges[:, 2])
+        doubled, size = np.linalg.norm(ways, axis=1), np.ptp(self.corners, axis=0).max()
+        # Those of small faces are not certain, as solids may be a little concave.
+        heights = doubled / np.linalg.norm(edges, axis=2).max(axis=1)
+        largest = np.argsort(-heights)[:_MOST_PLANES]
+        largest = largest[
+            heights[largest] * _SLACK > trimesh.tol.planar * float(np.linalg.norm(np.ptp(self.corners, axis=0)))
+        ]
+        normals = ways[largest] / doubled[largest, None]
+        limits = (corners[largest, 0] * normals).sum(axis=1) + _SLACK * size
+        sides = np.concatenate((np.eye(3), -np.eye(3)))
+        ends = (self.corners @ sides.T).max(axis=0)
+        return list(zip((*sides, *normals), (*ends.tolist(), *limits.tolist()), strict=True))
 
     def is_around(self, point: NDArray[np.float64]) -> bool:
         """Return whether a solid is around a point: by the angle that it fills there, which slivers do not change."""
@@ -101,11 +125,11 @@ class Body(NamedTuple):
         """Return a point of another body inside of this solid one, if there is one; their surfaces do not touch."""
         placed = other.place(other.form.pieces)
         points = np.linalg.solve(self.transform[:3, :3], (placed - self.transform[:3, 3]).T).T
-        lower, upper = self.form.corners.min(axis=0), self.form.corners.max(axis=0)
-        for number in np.flatnonzero(((points >= lower) & (points <= upper)).all(axis=1)):
-            if self.form.is_around(points[number]):
-                return placed[number]
-        return None
+        # Most points are beyond a large face.
+        left = np.arange(len(points))
+        for normal, limit in self.form.planes:
+            left = left[points[left] @ normal <= limit]
+        return next((placed[number] for number in left if self.form.is_around(points[number])), None)
 
 
 class Contact(NamedTuple):

@@ -138,6 +138,14 @@ def test_a_narrow_picture_and_the_back_see_less(session, mesh):
         assert len(tracer.visible_prims(EYE * 3, 1).prim_id) < len(everything)
 
 
+def test_a_face_is_not_seen_from_its_edge(session):
+    with clbvh.Tracer(clbvh.make_shape("cube", triangles=12), device=session.info) as tracer:
+        assert len(tracer.visible_prims((3, 0.2, 0.5)).prim_id) == 2
+        assert len(tracer.visible_prims((3, 0.2, 0.5), side="back").prim_id) == 0
+        camera = clbvh.Camera(eye=(3, 0.2, 0.5), look_at=(0, 0.2, 0.5))
+        assert len(tracer.visible_prims(camera, width=64, height=64).prim_id) == 2
+
+
 def test_everything_around_an_eye_is_seen_and_nothing_that_is_not_there(session):
     ball = clbvh.make_shape("icosphere", triangles=320)
     with clbvh.Tracer(ball, device=session.info) as tracer:
