@@ -205,8 +205,8 @@ class PairQueries(HasCaster):
             pairs = chosen[find_overlaps(lower[chosen], upper[chosen])]
             if len(pairs) == 0:
                 return np.empty((0, 2), np.int32)
-            touches = self._search(call.world, pairs).find_touches(call.threads)
-            return pairs[touches.prim_ids[:, 0] != NO_PRIM].astype(np.int32)
+            prim_ids = self._search(call.world, pairs).find_touches(call.threads)
+            return pairs[prim_ids[:, 0] != NO_PRIM].astype(np.int32)
 
     def _search(self, world: World, pairs: NDArray[np.int64]) -> PairSearch:
         """Return a search of pairs, the smaller id first."""

@@ -87,6 +87,13 @@ class SightQueries(RayQueries):
         >>> sees.shape, round(sees.mean().item(), 2), round(covered.mean().item(), 2)
         ((600, 600), 0.11, 0.39)
         """
+        return self._look(a, b, side, mask, progress, sees_along=True)
+
+    def _look(
+        self, a: ArrayLike | Hits | ClosestPoints, b: ArrayLike | Hits | ClosestPoints, side: str | None,
+        mask: ArrayLike | None = None, progress: Progress | None = None, *, sees_along: bool,
+    ) -> NDArray[np.bool_]:  # fmt: skip
+        """Return what `line_of_sight` does; maybe without lines along a surface, which see nothing of it."""
         check_side(side)
         ends = _End.read(a, "a"), _End.read(b, "b")
         try:
@@ -115,6 +122,8 @@ class SightQueries(RayQueries):
             ways = np.where(is_same[:, None], 1.0, stops - starts)
             blocked = self.any_hit(starts, ways, t_max=1.0, mask=None if masks is None else masks.flat[part])
             seen[part] = is_same | (~blocked & leaving.sees(side) & arriving.sees(side))
+            if not sees_along:
+                seen[part] &= ~is_flat
             if progress is not None:
                 progress(part.stop, count)
         return seen.reshape(shape)
@@ -178,7 +187,7 @@ class SightQueries(RayQueries):
             if isinstance(eye, Camera):
                 is_visible = self._is_in_picture(points, eye, width, height, side)
             else:
-                is_visible = self._sees_faces(points, np.asarray(place), side)
+                is_visible = self._look(points, eye, side, sees_along=False)
             is_found = is_visible.any(axis=1)
             places[left[is_found]] = chosen[is_visible[is_found].argmax(axis=1)]
             left, sample = left[~is_found], sample + len(chosen)
@@ -203,15 +212,8 @@ class SightQueries(RayQueries):
         pixels, _ = camera.project(points.locations, columns, rows)
         is_inside = np.asarray((pixels >= 0).all(axis=-1) & (pixels <= (columns, rows)).all(axis=-1))  # NaN is not
         starts, _ = camera.rays_at(pixels[is_inside], columns, rows)
-        is_inside[is_inside] = self._sees_faces(points[is_inside], starts, side)
+        is_inside[is_inside] = self._look(points[is_inside], starts, side, sees_along=False)
         return is_inside
-
-    def _sees_faces(self, points: Hits, starts: NDArray[np.float64], side: str | None) -> NDArray[np.bool_]:
-        """Return which points of faces are seen from places; of a face from its edge, nothing is."""
-        ways = starts - points.locations
-        heights = np.abs(np.einsum("...i,...i->...", np.asarray(points.normals), ways))
-        room = _ROUNDING * (np.abs(starts).max(axis=-1) + np.abs(ways).max(axis=-1))
-        return self.line_of_sight(points, starts, side=side) & (heights > room)
 
 
 def as_hits(points: Any) -> Hits | None:

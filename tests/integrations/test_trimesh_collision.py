@@ -179,6 +179,9 @@ def test_pieces_and_faces_without_area():
     ball = BALL.copy().apply_scale(0.1)
     assert manager.in_collision_single(ball.copy().apply_translation([5, 0, 0]) + ball)
     assert manager.in_collision_single(ball + ball.copy().apply_translation([5, 0, 0]))
+    soup = trimesh.Trimesh(ball.triangles.reshape(-1, 3), np.arange(960).reshape(-1, 3), process=False)
+    assert len(bodies.CollisionGeometry(soup).pieces) == 1
+    assert manager.in_collision_single(soup)
     far = trimesh.Trimesh(np.vstack([ball.vertices, [50, 0, 0]]), [*ball.faces, [162, 162, 162]], process=False)
     assert manager.in_collision_single(far)
     line = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0]], [[0, 1, 2]], process=False)
@@ -196,7 +199,7 @@ def test_pieces_are_found_in_a_few_rounds():
     vertices = np.column_stack([np.arange(2 * count) // 2, np.arange(2 * count) % 2, np.zeros(2 * count)])
     mesh = trimesh.Trimesh(vertices[np.argsort(numbers)], numbers[strip], process=False)
     begin = time.process_time()
-    assert len(bodies.Form(mesh).pieces) == 1
+    assert len(bodies.CollisionGeometry(mesh).pieces) == 1
     assert time.process_time() - begin < 5  # 37 s where labels go one face in a round
 
 

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from trimesh.collision import ContactData, DistanceData
 
 from ...geometry import Mesh
+from ...geometry.topology import find_points
 from ...scene.transforms import check_transform
 from ...structs import NO_PRIM
 from ...support.host_threads import HostThreads
@@ -28,12 +29,9 @@ from .tracers import read_mesh
 
 _NO_PRIMS = np.full(2, NO_PRIM, np.int32)
 
-# Faces that are asked first whether a point is beyond them, and by how much of the mesh's size it has to be.
-_MOST_PLANES, _SLACK = 100, 1e-2
 
-
-class Form:
-    """A mesh as it was when it was read: objects that are alike share it."""
+class CollisionGeometry:
+    """A mesh as it was when it was read, which the bodies of identical meshes share."""
 
     def __init__(self, mesh: Any) -> None:
         self.mesh = Mesh.from_arrays(mesh.vertices, mesh.faces)
@@ -57,35 +55,17 @@ class Form:
 
     @cached_property
     def pieces(self) -> NDArray[np.float64]:
-        """A vertex of each piece, (n, 3): pieces have no vertex in common."""
-        lowest = np.arange(len(self.mesh.vertices))
+        """A vertex of each connected component, (n, 3): of faces with equal vertices, shared or not."""
+        points = find_points(self.mesh.vertices)
+        faces, lowest = points.ids[self.faces], np.arange(len(points.first))
         while True:
-            before, labels = lowest.copy(), lowest[self.faces]
-            # Of the labels as well as of the vertices: else a label goes one face in a round.
-            for numbers in (labels, self.faces):
+            before, labels = lowest.copy(), lowest[faces]
+            # Of the labels as well as of the points: else a label goes one face in a round.
+            for numbers in (labels, faces):
                 np.minimum.at(lowest, numbers, labels.min(axis=1, keepdims=True))
             lowest = lowest[lowest]
             if (lowest == before).all():
-                return self.mesh.vertices[np.unique(lowest[self.faces])]
-
-    @cached_property
-    def planes(self) -> list[tuple[NDArray[np.float64], float]]:
-        """Normals, and how far along each a point may be at most to be inside: of the box, and of the largest faces."""
-        corners = self.mesh.vertices[self.faces]
-        edges = corners - np.roll(corners, 1, axis=1)
-        ways = np.cross(edges[:, 1], edges[:, 2])
-        doubled, size = np.linalg.norm(ways, axis=1), np.ptp(self.corners, axis=0).max()
-        # Those of small faces are not certain, as solids may be a little concave.
-        heights = doubled / np.linalg.norm(edges, axis=2).max(axis=1)
-        largest = np.argsort(-heights)[:_MOST_PLANES]
-        largest = largest[
-            heights[largest] * _SLACK > trimesh.tol.planar * float(np.linalg.norm(np.ptp(self.corners, axis=0)))
-        ]
-        normals = ways[largest] / doubled[largest, None]
-        limits = (corners[largest, 0] * normals).sum(axis=1) + _SLACK * size
-        sides = np.concatenate((np.eye(3), -np.eye(3)))
-        ends = (self.corners @ sides.T).max(axis=0)
-        return list(zip((*sides, *normals), (*ends.tolist(), *limits.tolist()), strict=True))
+                return self.mesh.vertices[points.first[np.unique(lowest[faces])]]
 
     def is_around(self, point: NDArray[np.float64]) -> bool:
         """Return whether a solid is around a point: by the angle that it fills there, which slivers do not change."""
@@ -98,13 +78,13 @@ class Form:
 
 
 # By trimesh's hash of vertices and faces.
-_forms: WeakValueDictionary[int, Form] = WeakValueDictionary()
+_geometries: WeakValueDictionary[int, CollisionGeometry] = WeakValueDictionary()
 
 
 class Body(NamedTuple):
-    """An object: its form, and the transform that places it in the world."""
+    """An object: its geometry, and the transform that places it in the world."""
 
-    form: Form
+    geometry: CollisionGeometry
     transform: NDArray[np.float64]
 
     @classmethod
@@ -112,24 +92,23 @@ class Body(NamedTuple):
         """Read a mesh as it is now; arguments and errors are those of `CollisionManager.add_object`."""
         mesh, matrix = read_mesh(mesh), check_transform(transform)
         key = hash(mesh)
-        form = _forms.get(key)
-        if form is None:
-            form = _forms[key] = Form(mesh)
-        return cls(form, matrix)
+        geometry = _geometries.get(key)
+        if geometry is None:
+            geometry = _geometries[key] = CollisionGeometry(mesh)
+        return cls(geometry, matrix)
 
     def place(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points of the form in the world."""
+        """Return points of the geometry in the world."""
         return points @ self.transform[:3, :3].T + self.transform[:3, 3]
 
     def find_inside(self, other: Body) -> NDArray[np.float64] | None:
         """Return a point of another body inside of this solid one, if there is one; their surfaces do not touch."""
-        placed = other.place(other.form.pieces)
+        placed = other.place(other.geometry.pieces)
         points = np.linalg.solve(self.transform[:3, :3], (placed - self.transform[:3, 3]).T).T
-        # Most points are beyond a large face.
-        left = np.arange(len(points))
-        for normal, limit in self.form.planes:
-            left = left[points[left] @ normal <= limit]
-        return next((placed[number] for number in left if self.form.is_around(points[number])), None)
+        corners = self.geometry.corners
+        is_boxed = ((points >= corners.min(axis=0)) & (points <= corners.max(axis=0))).all(axis=1)
+        inside = (placed[number] for number in np.flatnonzero(is_boxed) if self.geometry.is_around(points[number]))
+        return next(inside, None)
 
 
 class Contact(NamedTuple):
@@ -236,7 +215,7 @@ class Group(NamedTuple):
         if not needs_all and (first := search.find_one(TOUCH)) is not None:
             return [Collision(search, *first)]
         with HostThreads() as threads:
-            prim_ids = search.find_touches(threads).prim_ids
+            prim_ids = search.find_touches(threads)
         is_colliding = prim_ids[:, 0] != NO_PRIM
         # What does not touch collides where a solid body is around a piece of the other.
         for pair in np.flatnonzero(~is_colliding):
@@ -246,16 +225,16 @@ class Group(NamedTuple):
     def find_inside(self, pair: NDArray[np.int64]) -> NDArray[np.float64] | None:
         """Return a point of a body inside of the other one of a pair, if that is solid and there is one."""
         one, other = (self.bodies[number] for number in pair)
-        point = one.find_inside(other) if one.form.is_solid else None
-        return other.find_inside(one) if point is None and other.form.is_solid else point
+        point = one.find_inside(other) if one.geometry.is_solid else None
+        return other.find_inside(one) if point is None and other.geometry.is_solid else point
 
     def measure(self, collision: Collision, least: float = -1.0) -> Contact | None:
         """Return how deep two bodies are in each other, or where they touch; None unless deeper than the least."""
         search, pair, prim_ids = collision
         bodies = search.pairs[pair]
         one, other = (self.bodies[number] for number in bodies)
-        if one.form.is_solid and other.form.is_solid:
-            overlap = measure_overlap(one.place(one.form.corners), other.place(other.form.corners), least)
+        if one.geometry.is_solid and other.geometry.is_solid:
+            overlap = measure_overlap(one.place(one.geometry.corners), other.place(other.geometry.corners), least)
             if overlap is None:
                 return None
             return Contact(bodies, 0.0 - overlap.depth, overlap.points, normal=overlap.normal)

@@ -12,7 +12,7 @@ from ...scene.transforms import check_transform
 from ...support.forks import make_lock
 from ...trace.clearance.walk import HostTrees
 from ...trace.world.surface_arrays import SurfaceArrays, make_surface_arrays, move_instances
-from .bodies import Body, Form, Group
+from .bodies import Body, CollisionGeometry, Group
 
 # The name of a mesh that no manager has, as trimesh calls it.
 _EXTERNAL = "__external"
@@ -30,8 +30,8 @@ class CollisionManager:
 
     Notes
     -----
-    The host builds a tree for each mesh that comes near another one, once for meshes that are alike, and walks them;
-    see `Tracer.collisions`. Depths are those of solids that overlap, by a hull of their differences (van den Bergen,
+    The host builds and walks a tree for each mesh that comes near another one; identical meshes share it. See
+    `Tracer.collisions`. Depths are those of solids that overlap, by a hull of their differences (van den Bergen,
     "Proximity queries and penetration depth computation on 3D game objects", 2001), and need SciPy.
 
     Unlike trimesh with python-fcl: solids whose faces just touch collide; each pair has one contact; where it has no
@@ -55,7 +55,7 @@ class CollisionManager:
         self._lock = make_lock()
         self._bodies: dict[Any, Body] = {}
         # By geometry id: those of the bodies of the last query, and of others before it; their arrays and trees.
-        self._forms: list[Form] = []
+        self._geometries: list[CollisionGeometry] = []
         self._arrays: SurfaceArrays | None = None
         self._trees = HostTrees()
 
@@ -270,27 +270,30 @@ class CollisionManager:
         tested = list((others or {}).items())
         names, bodies = [name for name, _ in placed + tested], [body for _, body in placed + tested]
         with self._lock:
-            arrays = self._find_arrays([body.form for body in bodies])
-            shapes = tuple(form.mesh for form in self._forms)
+            arrays = self._find_arrays([body.geometry for body in bodies])
+            shapes = tuple(geometry.mesh for geometry in self._geometries)
         moved = move_instances(arrays, np.array([body.transform for body in bodies]).reshape(-1, 4, 4))
         return Group(names, bodies, len(placed), others is None, shapes, moved, self._trees)
 
-    def _find_arrays(self, forms: list[Form]) -> SurfaceArrays:
-        """Return the arrays of bodies, not yet placed; a new form takes the id of one that is not asked for."""
-        numbers, wanted = {form: number for number, form in enumerate(self._forms)}, dict.fromkeys(forms)
-        free = [number for form, number in numbers.items() if form not in wanted]
-        for form in wanted:
-            if form not in numbers:
+    def _find_arrays(self, geometries: list[CollisionGeometry]) -> SurfaceArrays:
+        """Return the arrays of bodies, not yet placed; a new geometry takes the id of one that is not asked for."""
+        numbers, wanted = (
+            {geometry: number for number, geometry in enumerate(self._geometries)},
+            dict.fromkeys(geometries),
+        )
+        free = [number for geometry, number in numbers.items() if geometry not in wanted]
+        for geometry in wanted:
+            if geometry not in numbers:
                 self._arrays = None
-                if not free:
-                    free.append(len(self._forms))
-                    self._forms.append(form)
-                numbers[form] = free.pop()
-                self._forms[numbers[form]] = form
+                number = numbers[geometry] = free.pop() if free else len(self._geometries)
+                self._geometries[number : number + 1] = [geometry]
         if self._arrays is None:
-            shapes, own = [form.mesh for form in self._forms], np.arange(len(self._forms), dtype=np.int32)
+            shapes, own = (
+                [geometry.mesh for geometry in self._geometries],
+                np.arange(len(self._geometries), dtype=np.int32),
+            )
             self._arrays = make_surface_arrays(shapes, own, np.tile(np.eye(4), (len(own), 1, 1)))
-        return self._arrays._replace(geometry_id=np.array([numbers[form] for form in forms], np.int32))
+        return self._arrays._replace(geometry_id=np.array([numbers[geometry] for geometry in geometries], np.int32))
 
 
 def _first(names: list[Any]) -> Any:

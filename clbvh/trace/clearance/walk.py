@@ -214,16 +214,15 @@ class PairSearch(NamedTuple):
         closest = self.measure_pair(*found)
         return closest if closest.distance <= limit else None
 
-    def find_touches(self, threads: HostThreads) -> Nearest:
-        """Return which pairs have triangles that touch, and the first ones that are found."""
-        touches = Nearest(np.zeros(len(self.pairs)), np.full((len(self.pairs), 2), NO_PRIM, np.int32))
+    def find_touches(self, threads: HostThreads) -> NDArray[np.int32]:
+        """Return the first triangles of each pair that are found to touch, (n, 2); `NO_PRIM` where none do."""
+        prim_ids = np.empty((len(self.pairs), 2), np.int32)
 
         def test(begin: int, end: int) -> None:
-            found = self.measure(np.arange(begin, end), TOUCH, is_chained=False)
-            touches.squared[begin:end], touches.prim_ids[begin:end] = found
+            prim_ids[begin:end] = self.measure(np.arange(begin, end), TOUCH, is_chained=False).prim_ids
 
         threads.run(test, cut_range(0, len(self.pairs), -(-len(self.pairs) // _PAIRS)))
-        return touches
+        return prim_ids
 
     def measure_pair(self, pair: int, prim_ids: NDArray[np.int32]) -> Closest:
         """Return the distance of two triangles of a pair, exactly."""
